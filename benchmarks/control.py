@@ -21,15 +21,16 @@ import numpy as np
 
 import jaxtwin as jt
 from jaxtwin.control import (
-    LQI,
     MEASURES,
     MPC,
     PID,
     ClosedLoop,
     DecoupledPI,
     OperatingPoint,
-    UniformityMPC,
     decoupling_of,
+    design_lqi,
+    design_mpc,
+    design_uniformity_mpc,
     most_even_point,
 )
 from jaxtwin.errors import ControlError
@@ -179,14 +180,14 @@ def controllers(
     decoupled = jt.tune(plant, start, pair, **settings)
     over_draws = jt.tune(plant, start, pair, draws=others, tail_weight=TAIL_WEIGHT, **settings)
     print(over_draws, flush=True)
-    lqi = LQI(
+    lqi = design_lqi(
         small.discretise(1.0),
         integral_deviation=30.0,
         duty_deviation=0.5,
         **common,
     )
-    mpc = MPC(small.discretise(5.0), horizon=12, **common)
-    even = UniformityMPC(jt.linearize(plant, temperatures=REFERENCE), limits=LIMITS)
+    mpc = design_mpc(small.discretise(5.0), horizon=12, **common)
+    even = design_uniformity_mpc(jt.linearize(plant, temperatures=REFERENCE), limits=LIMITS)
     return {
         # It has an output for each channel, and follows no reference.
         "constant duty": (_constant(rest.duty), START),

@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxtwin as jt
-from jaxtwin.control import MEASURES, MPC, PID, DecoupledPI, scenario, tuning_problem
+from jaxtwin.control import MEASURES, MPC, PID, DecoupledPI, design_mpc, scenario, tuning_problem
 from jaxtwin.control.controllers._design_vector import ControllerVector
 from jaxtwin.control.tuning._loop_slopes import LoopSlopes
 
@@ -45,7 +45,7 @@ def measure(quick: bool = False) -> dict[str, Any]:
     }
     steps = 50 if quick else 600
     for name, more in limits.items():
-        mpc = MPC(model, measured=OUTPUTS, horizon=20, limits=(0, 1), **more)
+        mpc = design_mpc(model, measured=OUTPUTS, horizon=20, limits=(0, 1), **more)
         answer[f"{name}, ms a step"] = 1e3 * _seconds(_steps(mpc, twin, steps)) / steps
     random = np.random.default_rng(0)
     count = 8 if quick else DRAWS

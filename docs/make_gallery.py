@@ -16,11 +16,11 @@ from matplotlib.figure import Figure
 import jaxtwin as jt
 from jaxtwin import plots
 from jaxtwin.control import (
-    MPC,
     PID,
     ClosedLoopRun,
     OperatingPoint,
-    UniformityMPC,
+    design_mpc,
+    design_uniformity_mpc,
     loop_margins,
     most_even_point,
 )
@@ -154,7 +154,7 @@ def warmed(twin: jt.Twin) -> tuple[dict[str, ClosedLoopRun], OperatingPoint]:
     groups = [["T11", "T12", "T21", "T22"], ["T15", "T16", "T25", "T26"]]
     best = most_even_point(twin, 40, limits=(0, 1))
     model = jt.linearize(twin, temperatures={"TAM": 40.0, "TCM": 40.0})
-    mpc = MPC(
+    mpc = design_mpc(
         model.reduce(4).discretise(1.0),
         measured=groups,
         duty_deviation=0.04,
@@ -171,7 +171,7 @@ def warmed(twin: jt.Twin) -> tuple[dict[str, ClosedLoopRun], OperatingPoint]:
         name: jt.simulate_closed_loop(twin, mpc, plan, duration=1200)
         for name, plan in plans.items()
     }
-    even = UniformityMPC(jt.linearize(twin, temperatures=40), limits=(0, 1))
+    even = design_uniformity_mpc(jt.linearize(twin, temperatures=40), limits=(0, 1))
     runs["UniformityMPC"] = jt.simulate_closed_loop(twin, even, 40, duration=1200)
     return runs, best
 

@@ -14,9 +14,11 @@ from jaxtwin.control import (
     DecoupledPI,
     RangeCost,
     SquaresCost,
-    UniformityMPC,
     WorstPointCost,
     decoupling_of,
+    design_lqi,
+    design_mpc,
+    design_uniformity_mpc,
 )
 
 LEFT, RIGHT = ["T11", "T12", "T21", "T22"], ["T15", "T16", "T25", "T26"]
@@ -70,7 +72,7 @@ def controller_of(key: str) -> PID | DecoupledPI | LQI | MPC:
     linear = linearize(Twin("dual-cell"), duty=[0.4, 0.3])
     if key in COSTS:
         more: Any = {"temperature_limits": {"T11": (0, 40)}} if key == "plan of the range" else {}
-        return UniformityMPC(
+        return design_uniformity_mpc(
             linear,
             evenness=COSTS[key],
             sample_time_s=1.0,
@@ -83,7 +85,7 @@ def controller_of(key: str) -> PID | DecoupledPI | LQI | MPC:
     measured = None if key.endswith("of the mean") else [LEFT, RIGHT]
     if key == "plan":
         limits = {"T11": (0, 40), "T16": (-20, 90)}
-        return MPC(
+        return design_mpc(
             model,
             measured=measured,
             horizon=8,
@@ -92,8 +94,8 @@ def controller_of(key: str) -> PID | DecoupledPI | LQI | MPC:
             temperature_limits=limits,
         )
     if key == "plan of the mean":
-        return MPC(model, horizon=5, limits=(0, 0.6))
-    return LQI(model, measured=measured, setpoint_weight=0.3, limits=(0, 1))
+        return design_mpc(model, horizon=5, limits=(0, 0.6))
+    return design_lqi(model, measured=measured, setpoint_weight=0.3, limits=(0, 1))
 
 
 def c_of(

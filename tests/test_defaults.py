@@ -61,10 +61,10 @@ DEFAULTS = {
         "validate": {"warm_up": 60.0},
     },
     "jaxtwin.control": {
-        "LinearModel": {"delay_s": 0.0, "lag_s": 0.0},
+        "StateSpace": {"delay_s": 0.0, "lag_s": 0.0},
         "DecoupledPI": {"setpoint_weight": 1.0, "limits": None, "sample_time_s": 1.0},
         "FunctionController": {"sample_time_s": 1.0},
-        "LQI": {
+        "design_lqi": {
             "output_deviation": 1.0,
             "integral_deviation": 30.0,
             "duty_deviation": 0.5,
@@ -73,7 +73,7 @@ DEFAULTS = {
             "setpoint_weight": 0.0,
             "limits": None,
         },
-        "MPC": {
+        "design_mpc": {
             "horizon": 20,
             "output_deviation": 1.0,
             "duty_deviation": 0.05,

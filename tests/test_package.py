@@ -105,10 +105,11 @@ def test_the_public_names_fit_on_a_page():
 
 @pytest.mark.parametrize("name", sorted(MOVED))
 def test_a_name_that_has_moved_works_with_a_warning_that_says_where(name: str):
-    place = f"{MOVED[name]}.{name}"
+    package, _, renamed = MOVED[name].partition(".")
+    place = f"{package}.{renamed or name}"
     with pytest.warns(DeprecationWarning, match=rf"jaxtwin\.{name} is now jaxtwin\.{place}$"):
         moved = getattr(jaxtwin, name)
-    assert moved is getattr(importlib.import_module(f"jaxtwin.{MOVED[name]}"), name)
+    assert moved is getattr(importlib.import_module(f"jaxtwin.{package}"), renamed or name)
     assert name not in jaxtwin.__all__
 
 
@@ -118,7 +119,13 @@ def test_a_package_is_imported_when_it_is_first_used():
 
 @pytest.mark.parametrize(
     ("package", "old", "new"),
-    [("monitoring", "Seen", "ObservedSample"), ("physics", "CALM", "MIN_FILM_RISE")],
+    [
+        ("control", "DiscreteModel", "StateSpace"),
+        ("control", "LinearModel", "StateSpace"),
+        ("control", "UniformityMPC", "design_uniformity_mpc"),
+        ("monitoring", "Seen", "ObservedSample"),
+        ("physics", "CALM", "MIN_FILM_RISE"),
+    ],
 )
 def test_a_renamed_name_of_a_package_warns_and_is_the_new_one(package: str, old: str, new: str):
     module = importlib.import_module(f"jaxtwin.{package}")

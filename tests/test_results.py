@@ -158,7 +158,7 @@ RESULTS: dict[str, Callable[[Path], Any]] = {
     "ExperimentDesign": lambda _: design(),
     "DiagnosisDesign": lambda _: separating(),
     "RigDesign": moved,
-    "LinearModel": lambda _: jt.linearize(fit().twin, duty=0.4),
+    "StateSpace": lambda _: jt.linearize(fit().twin, duty=0.4),
     "ClosedLoopRun": lambda _: closed_loop(),
     "Tuning": lambda _: tuning(),
     "Frontier": lambda _: frontier_of_two(),
@@ -204,7 +204,9 @@ INPUTS = {"CSources", "FMU", "Netlist", "PlateMap", "Rig", "Twin"}
 INPUTS |= {
     "AbstractController",
     "ControllerDesign",
+    "LQI",
     "MPC",
+    "NonlinearMPC",
     "MonitorCalibration",
     "ProcessNoise",
     "Scenario",
@@ -383,7 +385,7 @@ def test_the_table_of_an_operating_point_holds_its_numbers_by_name():
     assert table.loc[("channel", "TAM"), "value"] == point.outputs[twin.channels.index("TAM")]
     assert table.loc[("node", "P1.TC"), "value"] == point.nodes[twin.netlist.index["P1.TC"]]
     assert len(table) == 2 + len(point.nodes) + len(point.outputs) + 1
-    at_rest = jt.control.LinearModel([[-1.0]], [[1.0]], [[1.0]], [[0.0]]).operating_point
+    at_rest = jt.control.StateSpace([[-1.0]], [[1.0]], [[1.0]], [[0.0]]).operating_point
     assert at_rest.to_dataframe().index.tolist() == [
         ("duty", "u1"), ("node", "x1"), ("channel", "y1"), ("ambient", "")
     ]  # fmt: skip
@@ -399,9 +401,7 @@ def test_the_dataset_of_an_operating_point_holds_its_numbers_by_name():
     assert float(data.ambient) == point.ambient
     units = {name: values.attrs["units"] for name, values in data.items()}
     assert units == {"duty": "1", "state": "degC", "temperature": "degC", "ambient": "degC"}
-    at_rest = jt.control.LinearModel(
-        [[-1.0]], [[1.0]], [[1.0]], [[0.0]]
-    ).operating_point.to_xarray()
+    at_rest = jt.control.StateSpace([[-1.0]], [[1.0]], [[1.0]], [[0.0]]).operating_point.to_xarray()
     labels = [at_rest[dimension].item() for dimension in ("cell", "node", "channel")]
     assert labels == ["u1", "x1", "y1"]
 

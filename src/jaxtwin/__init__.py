@@ -16,7 +16,7 @@ __version__ = "0.2.0"
 _load, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 
-# Names that were here before, and the packages that have them now. They go with the next version.
+# Names that were here before, and where they are now. They go with the next version.
 _MOVED = {
     "ControlError": "errors",
     "LinkError": "errors",
@@ -28,7 +28,7 @@ _MOVED = {
     "SafetyStop": "errors",
     "SimulationError": "errors",
     "StoreError": "errors",
-    "LinearModel": "control",
+    "LinearModel": "control.StateSpace",
     "RigDesign": "control",
     "Diagnosis": "diagnosis",
     "Isolability": "diagnosis",
@@ -61,10 +61,12 @@ def __getattr__(name: str) -> object:
         if name in __all__:  # an error of the module behind it
             raise
     if name in _MOVED:
+        package, _, renamed = _MOVED[name].partition(".")
+        now = renamed or name
         warnings.warn(
-            f"jaxtwin.{name} is now jaxtwin.{_MOVED[name]}.{name}", DeprecationWarning, stacklevel=2
+            f"jaxtwin.{name} is now jaxtwin.{package}.{now}", DeprecationWarning, stacklevel=2
         )
-        return getattr(importlib.import_module(f"{__name__}.{_MOVED[name]}"), name)
+        return getattr(importlib.import_module(f"{__name__}.{package}"), now)
     if not name.startswith("_") and importlib.util.find_spec(f"{__name__}.{name}") is not None:
         return importlib.import_module(f"{__name__}.{name}")
     from ._name_suggestions import did_you_mean

@@ -55,7 +55,7 @@ from .prognostics import health as health  # trends, and when limits are passed
 from .refitting import refit as refit  # a twin from new recordings, through a gate
 from .retuning import retune as retune  # a controller on a new twin, tried before it is used
 from .twin_store import TwinStore as TwinStore  # a memory of twins: versions and aliases
-from .control import linearize as linearize  # twin or fit -> LinearModel, by exact derivatives
+from .control import linearize as linearize  # twin or fit -> StateSpace, by exact derivatives
 from .control import simulate_closed_loop as simulate_closed_loop  # a controller on a twin
 from .control import simulate_closed_loops as simulate_closed_loops  # for many draws
 from .control import tune as tune  # a controller's gains, through the closed loop

@@ -15,12 +15,12 @@ from exported_controllers import CONTROLLERS, COSTS, KEYS, LEFT, RIGHT, c_of, co
 from jaxtwin import Twin, simulate_closed_loop
 from jaxtwin.c_export import CSources, export_c
 from jaxtwin.control import (
-    LQI,
-    MPC,
     PID,
     DecoupledPI,
-    LinearModel,
     Relay,
+    StateSpace,
+    design_lqi,
+    design_mpc,
 )
 from jaxtwin.errors import ControlError
 
@@ -184,8 +184,11 @@ def test_the_filtered_derivative_is_that_of_python(tmp_path: Path):
 
 def test_a_controller_for_other_cells_is_refused(tmp_path: Path):
     """Designed for a single cell, with a channel that the rig with two cells has too."""
-    model = LinearModel([[-0.1]], [[0.1]], [[1.0]], [[0.0]], output_names=["TAM"]).discretise(1.0)
-    for controller in (LQI(model, measured=["TAM"]), MPC(model, measured=["TAM"], horizon=2)):
+    model = StateSpace([[-0.1]], [[0.1]], [[1.0]], [[0.0]], output_names=["TAM"]).discretise(1.0)
+    for controller in (
+        design_lqi(model, measured=["TAM"]),
+        design_mpc(model, measured=["TAM"], horizon=2),
+    ):
         with pytest.raises(ControlError, match="a controller of the rig's 2 cells, got one"):
             c_of(controller, tmp_path)
 

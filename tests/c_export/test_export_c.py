@@ -10,7 +10,7 @@ from compiled_c import compiled, ran
 
 from jaxtwin import Twin, linearize
 from jaxtwin.c_export import export_c
-from jaxtwin.control import DiscreteModel, LinearModel
+from jaxtwin.control import StateSpace
 from jaxtwin.errors import ControlError
 
 MAIN = """
@@ -50,19 +50,19 @@ def an_hour(inputs: int, sample_time: float) -> np.ndarray:
     return np.repeat(steps, round(60 / sample_time), axis=0)
 
 
-def of_the_paper() -> DiscreteModel:
+def of_the_paper() -> StateSpace:
     """Two cells with a lag and a delay that is no multiple of the sample time."""
     twin = Twin("dual-cell", {"t_delay": 2.4})
     return linearize(twin, duty=[0.4, 0.3]).discretise(1.0)
 
 
-def reduced() -> DiscreteModel:
+def reduced() -> StateSpace:
     return linearize(Twin("dual-cell"), duty=[0.4, 0.3]).reduce(6).discretise(0.5)
 
 
-def small() -> DiscreteModel:
+def small() -> StateSpace:
     """With a direct gain, behind a delay of a single step, and no lag."""
-    return LinearModel([[-0.1]], [[1.0]], [[2.0]], [[0.5]], delay_s=1.0).discretise(1.0)
+    return StateSpace([[-0.1]], [[1.0]], [[2.0]], [[0.5]], delay_s=1.0).discretise(1.0)
 
 
 @pytest.mark.slow
@@ -124,7 +124,7 @@ def test_comments_hold_no_end_of_a_comment(tmp_path: Path):
 def test_what_c_cannot_say_is_refused(tmp_path: Path):
     with pytest.raises(ControlError, match="name: expected letters"):
         export_c(small(), tmp_path, name="2 cells")
-    large = LinearModel([[-0.1]], [[1e300]], [[1.0]], [[0.0]]).discretise(1.0)
+    large = StateSpace([[-0.1]], [[1e300]], [[1.0]], [[0.0]]).discretise(1.0)
     with pytest.raises(ControlError, match="model_B: expected finite numbers in float, got 9"):
         export_c(large, tmp_path / "none", precision="float")
     assert not (tmp_path / "none").exists()

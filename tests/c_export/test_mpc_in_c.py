@@ -11,7 +11,7 @@ from compiled_c import compiled, ran
 
 from jaxtwin import Stepper, Twin, linearize
 from jaxtwin.c_export import export_c
-from jaxtwin.control import MPC, DiscreteModel
+from jaxtwin.control import StateSpace, design_mpc
 
 LEFT, RIGHT = ["T11", "T12", "T21", "T22"], ["T15", "T16", "T25", "T26"]
 
@@ -100,7 +100,7 @@ def twin() -> Twin:
     return Twin("dual-cell")
 
 
-def model(twin: Twin) -> DiscreteModel:
+def model(twin: Twin) -> StateSpace:
     return linearize(twin, duty=[0.4, 0.3]).reduce(4).discretise(1.0)
 
 
@@ -108,7 +108,7 @@ def model(twin: Twin) -> DiscreteModel:
 def test_references_that_are_known_before_give_the_duty_of_python(twin: Twin, tmp_path: Path):
     """A step that comes after 15 samples, and noise, to 1e-12 of full duty."""
     limits: Any = {"T11": (0, 33), "T26": (30, 90, 0.5)}
-    mpc = MPC(
+    mpc = design_mpc(
         model(twin),
         measured=[LEFT, RIGHT],
         horizon=6,
@@ -135,7 +135,7 @@ def test_references_that_are_known_before_give_the_duty_of_python(twin: Twin, tm
 
 def test_cells_are_off_where_a_reference_to_come_is_not_finite(twin: Twin, tmp_path: Path):
     """At once, and until it is started anew."""
-    mpc = MPC(model(twin), measured=[LEFT, RIGHT], horizon=3, limits=(0, 1))
+    mpc = design_mpc(model(twin), measured=[LEFT, RIGHT], horizon=3, limits=(0, 1))
     rows = np.tile([30.0] * 6 + [25.0, 25.0], (4, 1))
     rows[1, 5] = np.nan
     found = ran(compiled(export_c(mpc, tmp_path, rig=twin.rig), AHEAD), rows)
@@ -147,7 +147,7 @@ def test_cells_are_off_where_a_reference_to_come_is_not_finite(twin: Twin, tmp_p
 def test_a_plate_under_control_in_float_is_that_in_double_to_10_mk(twin: Twin, tmp_path: Path):
     """An hour on the nonlinear twin, with a temperature limit that is reached for 20 minutes."""
     limits: Any = {"T11": (0, 40)}
-    mpc = MPC(
+    mpc = design_mpc(
         model(twin),
         measured=[LEFT, RIGHT],
         limits=(0, 1),

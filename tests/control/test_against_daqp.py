@@ -10,7 +10,7 @@ import pytest
 
 from jaxtwin import Twin, linearize, simulate_closed_loop
 from jaxtwin._quadratic_program import QuadraticProgram, minimised
-from jaxtwin.control import MPC
+from jaxtwin.control import design_mpc
 
 pytestmark = pytest.mark.daqp
 
@@ -92,7 +92,7 @@ def test_the_programs_of_a_run_have_daqp_s_minimum(twin: Twin):
         "rate_limit": 0.05,
         "temperature_limits": {"T11": (0, 41.0)},
     }
-    mpc = MPC(model, **settings).for_rig(twin.rig)
+    mpc = design_mpc(model, **settings).for_rig(twin.rig)
     run = simulate_closed_loop(twin, mpc, "0:40/37,120:30", duration=180)
     with jax.enable_x64(True):
 

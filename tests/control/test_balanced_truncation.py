@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxtwin import Twin, linearize
-from jaxtwin.control import LinearModel
+from jaxtwin.control import StateSpace
 from jaxtwin.errors import ControlError
 
 OMEGA = np.geomspace(1e-6, 1e3, 300)
@@ -18,7 +18,7 @@ def norms(response: np.ndarray) -> np.ndarray:
 
 def test_hankel_singular_values_of_first_orders_by_hand():
     """k / (s + a) has k / 2a; a system of several that do not touch has those of each."""
-    model = LinearModel(np.diag([-1.0, -4.0]), np.diag([1.0, 2.0]), np.eye(2), np.zeros((2, 2)))
+    model = StateSpace(np.diag([-1.0, -4.0]), np.diag([1.0, 2.0]), np.eye(2), np.zeros((2, 2)))
     np.testing.assert_allclose(model.hankel_singular_values, [1 / 2, 2 / 8], rtol=1e-12)
     assert model.error_bound(1) == pytest.approx(2 * 2 / 8)
 
@@ -34,7 +34,7 @@ def test_reduced_models_are_those_of_slycot(order: int):
     hankel = model.hankel_singular_values
     np.testing.assert_allclose(hankel[:10], control.hankel_singular_values(theirs)[:10], rtol=1e-9)
     reduced = model.reduce(order)
-    ours = LinearModel(reduced.A, reduced.B, reduced.C, reduced.D).frequency_response(OMEGA)
+    ours = StateSpace(reduced.A, reduced.B, reduced.C, reduced.D).frequency_response(OMEGA)
     by_slycot: Any = control.balred(theirs, order, method="matchdc")
     expected = np.moveaxis(by_slycot.frequency_response(OMEGA).frdata, -1, 0)
     error = norms(np.asarray(ours) - expected).max()
@@ -50,7 +50,7 @@ def test_the_error_stays_within_its_bound_and_is_none_at_rest(rig: str, order: i
     reduced = model.reduce(order)
     assert reduced.A.shape == (order, order)
     np.testing.assert_allclose(reduced.dcgain, model.dcgain, rtol=0, atol=1e-9)
-    plain = [LinearModel(m.A, m.B, m.C, m.D).frequency_response(OMEGA) for m in (model, reduced)]
+    plain = [StateSpace(m.A, m.B, m.C, m.D).frequency_response(OMEGA) for m in (model, reduced)]
     error = norms(np.asarray(plain[0] - plain[1])).max()
     hankel = model.hankel_singular_values
     assert 0.9 * hankel[order] < error < model.error_bound(order) * (1 + 1e-9)
@@ -60,7 +60,7 @@ def test_the_error_stays_within_its_bound_and_is_none_at_rest(rig: str, order: i
 
 def test_states_that_no_input_moves_or_no_output_shows_are_left_out():
     """Mirror images: of two equal first orders in parallel only the sum is left."""
-    model = LinearModel(-np.eye(2), [[1.0], [1.0]], [[1.0, 1.0]], [[0.0]])
+    model = StateSpace(-np.eye(2), [[1.0], [1.0]], [[1.0, 1.0]], [[0.0]])
     np.testing.assert_allclose(model.hankel_singular_values, [1.0])
     reduced = model.reduce(1)
     np.testing.assert_allclose(
@@ -79,9 +79,9 @@ def test_all_states_kept_are_the_model_itself():
 
 def test_unstable_models_and_invalid_orders_are_refused():
     with pytest.raises(ControlError, match="expected a stable model, got a pole"):
-        LinearModel([[0.1]], [[1.0]], [[1.0]], [[0.0]]).reduce(1)
+        StateSpace([[0.1]], [[1.0]], [[1.0]], [[0.0]]).reduce(1)
     with pytest.raises(ControlError, match="order: expected a whole number above 0"):
-        LinearModel([[-0.1]], [[1.0]], [[1.0]], [[0.0]]).reduce(0)
+        StateSpace([[-0.1]], [[1.0]], [[1.0]], [[0.0]]).reduce(0)
 
 
 @pytest.mark.slow

@@ -13,14 +13,14 @@ from heated_box import cell_and_heater, heated_box
 from jaxtwin import Twin, linearize
 from jaxtwin.c_export import export_c
 from jaxtwin.control import (
-    LQI,
-    MPC,
     PID,
     AbstractController,
     DecoupledPI,
     LiveLoop,
     Relay,
-    UniformityMPC,
+    design_lqi,
+    design_mpc,
+    design_uniformity_mpc,
     most_even_point,
     read_controller,
     save_controller,
@@ -52,8 +52,8 @@ def controllers(twin: Twin, **settings: Any) -> list[AbstractController]:
         PID(
             [0.2, 0.1, 0.3], [0.004, 0.0, 0.02], 0.1, 2.0, setpoint_weight=[0.5, 1, 0.8], **settings
         ),
-        LQI(model, **settings),
-        MPC(model, horizon=8, **settings),
+        design_lqi(model, **settings),
+        design_mpc(model, horizon=8, **settings),
     ]
 
 
@@ -255,7 +255,7 @@ def test_every_kind_cools_with_its_cell(twin: Twin):
     kinds = [
         *controllers(twin),
         Relay(0.3, 0.0, 0.1),
-        UniformityMPC(model, sample_time_s=2.0, horizon=10),
+        design_uniformity_mpc(model, sample_time_s=2.0, horizon=10),
     ]
     for controller in kinds:
         run = simulate_closed_loop(twin, controller, "0:25,100:17", duration=300)

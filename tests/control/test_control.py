@@ -18,8 +18,6 @@ import jaxtwin as jt
 from jaxtwin import Twin, linearize
 from jaxtwin.cli import run as run_command
 from jaxtwin.control import (
-    LQI,
-    MPC,
     PID,
     AbstractController,
     DecoupledPI,
@@ -28,6 +26,8 @@ from jaxtwin.control import (
     LiveLoop,
     Relay,
     control,
+    design_lqi,
+    design_mpc,
     read_controller,
     save_controller,
     ultimate_point,
@@ -228,8 +228,8 @@ def of_kind(twin: Twin, kind: str) -> AbstractController:
     if kind in ("LQI", "MPC", "MPC with preview"):
         model = linearize(twin, duty=0.3).reduce(3).discretise(1.0)
         if kind == "LQI":
-            return LQI(model, duty_deviation=0.5, **both)
-        return MPC(model, horizon=8, preview=kind == "MPC with preview", **both)
+            return design_lqi(model, duty_deviation=0.5, **both)
+        return design_mpc(model, horizon=8, preview=kind == "MPC with preview", **both)
     return {
         "PID": PID(0.1, 0.001, 0.1, 5.0),
         "DecoupledPI": DecoupledPI(0.05, 0.0005, 0.05, 0.0005, **both),
@@ -296,7 +296,7 @@ def test_an_mpc_with_preview_from_a_file_runs_on_a_rig(
 def test_a_limit_that_readings_exceed_is_kept_with_its_largest_excess_and_its_times(twin: Twin):
     model = linearize(twin, temperatures={"TAM": 30.0, "TCM": 30.0}).reduce(4).discretise(1.0)
     limits: Any = {"T11": (0, 25)}
-    mpc = MPC(model, measured=["TAM", "TCM"], limits=(0, 1), temperature_limits=limits)
+    mpc = design_mpc(model, measured=["TAM", "TCM"], limits=(0, 1), temperature_limits=limits)
     loop = LiveLoop(twin, mpc, 30, duration=60)
     readings, new, off = np.full(15, 24.0), np.zeros(15), np.zeros(2)
     for time, T11 in enumerate([24.0, 26.0, 28.0, 26.5, 24.0]):

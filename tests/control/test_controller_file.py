@@ -3,6 +3,7 @@
 import contextlib
 import json
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +23,12 @@ from jaxtwin.control import (
     DecoupledPI,
     FunctionController,
     GainScheduled,
-    LinearModel,
     OperatingPoint,
     RangeCost,
     Relay,
+    StateSpace,
+    design_lqi,
+    design_mpc,
     loop_margins,
     read_controller,
     read_design,
@@ -188,35 +191,37 @@ def test_a_wrong_value_of_a_field_raises_only_errors_of_jaxtwin(
         read_controller(path, twin.rig)
 
 
-def designed(twin: Twin, kind: type[LQI] | type[MPC], **settings: Any) -> Any:
+def designed(twin: Twin, design: Callable[..., LQI | MPC], **settings: Any) -> Any:
     """A controller of the rig's channels for a plate of two places, each with a cell."""
     left = np.linspace(1, 0, len(twin.channels))
-    model = LinearModel(
+    model = StateSpace(
         np.array([[-0.03, 0.01], [0.008, -0.025]]),
         np.array([[1.2, 0.1], [0.1, 1.0]]),
         np.column_stack([left, 1 - left]),
         np.zeros((len(left), 2)),
         operating_point=OperatingPoint(
-            np.array([0.3, 0.1]), np.full(2, 36.6), 40.1 + left, np.asarray(16.0)
+            np.array([0.3, 0.1]), np.full(2, 36.6), 40.1 + left, np.asarray(16.0), rig=twin.rig.name
         ),
         output_names=twin.channels,
         delay_s=1.5,
         lag_s=2.0,
     )
     measured = [twin.channels[:3], twin.channels[-1]]
-    return kind(model.discretise(0.5), measured=measured, limits=(0, 0.9), **settings)
+    return design(model.discretise(0.5), measured=measured, limits=(0, 0.9), **settings)
 
 
 def of_models(twin: Twin) -> list[Any]:
     limited = {"T11": (10.1, 60), "T26": (-3, 41.7, 0.5)}
     return [
-        designed(twin, LQI, setpoint_weight=0.3, drift=0.2),
-        designed(twin, LQI, setpoint_weight=[0.3, 0.1]),
-        designed(twin, MPC, horizon=4, duty_deviation=[0.1, 0.2], reading_noise=0.03),
-        designed(twin, MPC, horizon=3, rate_limit=0.07, temperature_limits=limited, preview=True),
+        designed(twin, design_lqi, setpoint_weight=0.3, drift=0.2),
+        designed(twin, design_lqi, setpoint_weight=[0.3, 0.1]),
+        designed(twin, design_mpc, horizon=4, duty_deviation=[0.1, 0.2], reading_noise=0.03),
+        designed(
+            twin, design_mpc, horizon=3, rate_limit=0.07, temperature_limits=limited, preview=True
+        ),
         designed(
             twin,
-            MPC,
+            design_mpc,
             horizon=8,
             control_horizon=2,
             temperature_limits={"T12": (0, 50)},
@@ -259,11 +264,13 @@ def test_a_file_names_an_anti_windup_that_is_not_the_usual_one(tmp_path: Path, t
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("design", "noise", "is_fragile"), [(LQI, 0.1, True), (MPC, 1.0, False)])
+@pytest.mark.parametrize(
+    ("design", "noise", "is_fragile"), [(design_lqi, 0.1, True), (design_mpc, 1.0, False)]
+)
 def test_a_file_says_how_far_from_instability_its_loop_is(
     tmp_path: Path,
     caplog: pytest.LogCaptureFixture,
-    design: type[LQI] | type[MPC],
+    design: Callable[..., LQI | MPC],
     noise: float,
     is_fragile: bool,
 ):

@@ -6,7 +6,7 @@ import pytest
 from scipy.optimize import brentq
 
 from jaxtwin import Twin, linearize
-from jaxtwin.control import LinearModel, disk_margin, margins, sensitivity_peak
+from jaxtwin.control import StateSpace, disk_margin, margins, sensitivity_peak
 from jaxtwin.errors import ControlError
 
 OMEGA = np.geomspace(1e-4, 10.0, 60)
@@ -14,9 +14,9 @@ OMEGA = np.geomspace(1e-4, 10.0, 60)
 
 def first_order(
     gain: float = 4.0, T: float = 3.0, lag_s: float = 0.0, delay_s: float = 0.0
-) -> LinearModel:
+) -> StateSpace:
     A, B = [[-1 / T]], [[gain / T]]
-    return LinearModel(A, B, [[1.0]], [[0.0]], lag_s=lag_s, delay_s=delay_s)
+    return StateSpace(A, B, [[1.0]], [[0.0]], lag_s=lag_s, delay_s=delay_s)
 
 
 def response(system, omega: np.ndarray) -> np.ndarray:
@@ -40,7 +40,7 @@ def test_a_first_order_with_lag_and_delay_by_hand():
 def test_the_response_of_a_twin_is_that_of_python_control():
     """Without delay as it is; with the delay in discrete time, where python-control has it too."""
     model = linearize(Twin("dual-cell"), duty=[0.4, 0.3])
-    plain = LinearModel(model.A, model.B, model.C, model.D, lag_s=model.lag_s)
+    plain = StateSpace(model.A, model.B, model.C, model.D, lag_s=model.lag_s)
     expected = response(plain.to_control(), OMEGA)
     found = np.moveaxis(np.asarray(plain.frequency_response(OMEGA)), 0, -1)
     np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-10)
@@ -67,16 +67,16 @@ def test_pade_stands_for_the_delay_where_it_is_asked_for():
 
 
 def test_poles_and_time_constants():
-    model = LinearModel([[-0.5, 1.0], [0.0, -0.01]], [[1.0], [1.0]], [[1.0, 0.0]], [[0.0]])
+    model = StateSpace([[-0.5, 1.0], [0.0, -0.01]], [[1.0], [1.0]], [[1.0, 0.0]], [[0.0]])
     np.testing.assert_allclose(model.poles, [-0.01, -0.5])
     np.testing.assert_allclose(model.time_constants_s, [100.0, 2.0])
-    integrator = LinearModel([[0.0]], [[1.0]], [[1.0]], [[0.0]])
+    integrator = StateSpace([[0.0]], [[1.0]], [[1.0]], [[0.0]])
     np.testing.assert_array_equal(integrator.time_constants_s, [np.inf])
 
 
 def test_the_relative_gain_of_two_by_two_is_bristols():
     gain = np.array([[2.0, 1.0], [0.5, 3.0]])
-    model = LinearModel(-np.eye(2), gain, np.eye(2), np.zeros((2, 2)))
+    model = StateSpace(-np.eye(2), gain, np.eye(2), np.zeros((2, 2)))
     share = 1 / (1 - gain[0, 1] * gain[1, 0] / (gain[0, 0] * gain[1, 1]))
     expected = [[share, 1 - share], [1 - share, share]]
     np.testing.assert_allclose(model.relative_gain_array, expected, rtol=1e-12)
@@ -85,7 +85,7 @@ def test_the_relative_gain_of_two_by_two_is_bristols():
 def test_directions_of_two_cells_are_mean_and_uniformity():
     """Two cells that heat their own half by 3 K and the other by 1 K: sum and difference."""
     gain = np.array([[3.0, 1.0], [1.0, 3.0]])
-    found = LinearModel(-np.eye(2), gain, np.eye(2), np.zeros((2, 2))).directions
+    found = StateSpace(-np.eye(2), gain, np.eye(2), np.zeros((2, 2))).directions
     np.testing.assert_allclose(found.gains, [4.0, 2.0])
     assert found.names == ("mean", "uniformity")
     np.testing.assert_allclose(found.mean_share, [1.0, 0.0], atol=1e-12)
@@ -176,7 +176,7 @@ def test_the_disk_margin_of_two_uncoupled_loops_is_the_smaller_one():
 
 
 def test_a_response_of_a_wrong_shape_or_with_nan_is_refused():
-    two = LinearModel(-np.eye(2), np.eye(2), np.eye(2), np.zeros((2, 2)))
+    two = StateSpace(-np.eye(2), np.eye(2), np.eye(2), np.zeros((2, 2)))
     with pytest.raises(ControlError, match="with a single channel, got 2"):
         margins(two)
     with pytest.raises(ControlError, match="got infinite numbers or NaN"):
@@ -189,7 +189,7 @@ def test_a_response_of_a_wrong_shape_or_with_nan_is_refused():
 
 def test_responses_of_many_models_are_those_of_each():
     with jax.enable_x64(True):
-        models = jax.vmap(lambda g: LinearModel([[-1.0]], [[g]], [[1.0]], [[0.0]]))
+        models = jax.vmap(lambda g: StateSpace([[-1.0]], [[g]], [[1.0]], [[0.0]]))
         batch = jax.vmap(lambda model: model.frequency_response(OMEGA))(models(np.array([1.0, 2])))
     expected = 1 / (1j * OMEGA + 1)
     np.testing.assert_allclose(batch[..., 0, 0], [expected, 2 * expected], rtol=1e-12)
@@ -197,5 +197,17 @@ def test_responses_of_many_models_are_those_of_each():
 
 def test_the_relative_gain_of_one_channel_and_two_cells_sums_to_one():
     """By hand: gains of 1 and 2 have parts of 1/5 and 4/5."""
-    model = LinearModel([[-1.0]], [[1.0, 2.0]], [[1.0]], [[0.0, 0.0]])
+    model = StateSpace([[-1.0]], [[1.0, 2.0]], [[1.0]], [[0.0, 0.0]])
     np.testing.assert_allclose(model.relative_gain_array, [[0.2, 0.8]], rtol=1e-12)
+
+
+@pytest.mark.python_control
+def test_the_response_of_a_discrete_model_is_that_of_python_control():
+    model = linearize(Twin("dual-cell"), duty=0.4).reduce(4).discretise(2.0)
+    omega = np.geomspace(1e-4, np.pi / 2, 20)
+    theirs = model.to_control()(np.exp(2j * omega))
+    np.testing.assert_allclose(
+        model.frequency_response(omega), np.moveaxis(theirs, -1, 0), rtol=1e-8
+    )
+    traced = jax.jit(lambda m: m.frequency_response(omega))(model)
+    np.testing.assert_allclose(traced, model.frequency_response(omega), rtol=1e-3)

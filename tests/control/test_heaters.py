@@ -7,13 +7,13 @@ from heated_box import AMBIENT, heated_box
 from jaxtwin import Twin, reduce_batch, simulate
 from jaxtwin.c_export import export_c
 from jaxtwin.control import (
-    LQI,
-    MPC,
     PID,
     Draught,
     FunctionController,
     HeatInput,
     LiveLoop,
+    design_lqi,
+    design_mpc,
     linearize,
     most_even_point,
     read_controller,
@@ -48,8 +48,8 @@ def controllers(twin: Twin, limits: tuple[float, float] | None = None):
     model = linearize(twin, temperatures=40.0).discretise(2.0)
     return [
         PID(Kp=0.3, Ki=0.002, limits=limits, sample_time_s=2.0),
-        LQI(model, limits=limits),
-        MPC(model, limits=limits, horizon=20),
+        design_lqi(model, limits=limits),
+        design_mpc(model, limits=limits, horizon=20),
     ]
 
 

@@ -7,11 +7,11 @@ import pytest
 from limits import Limit, check_limit
 
 from jaxtwin import Twin
-from jaxtwin.control import PID, LinearModel
+from jaxtwin.control import PID, StateSpace
 from jaxtwin.control.controllers._controller import check_non_negative, checked_deviations
 from jaxtwin.control.loops._disturbances import Draught, HeatInput, disturbance_tables
 
-FIRST_ORDER = LinearModel([[-1.0]], [[1.0]], [[1.0]], [[0.0]])
+FIRST_ORDER = StateSpace([[-1.0]], [[1.0]], [[1.0]], [[0.0]])
 
 
 def pid(**arguments: object) -> PID:

@@ -1,5 +1,7 @@
 """Linear models against central differences, SciPy, solutions by hand and the twin itself."""
 
+import dataclasses
+
 import jax
 import numpy as np
 import pytest
@@ -7,7 +9,7 @@ from central_differences import differences
 from scipy.signal import cont2discrete
 
 from jaxtwin import Experiment, Twin, linearize, simulate
-from jaxtwin.control import DiscreteModel, LinearModel
+from jaxtwin.control import StateSpace
 from jaxtwin.errors import ControlError, ParameterError
 
 POINTS = [
@@ -115,7 +117,7 @@ def first_order_step(time: np.ndarray, T: float, lag: float, delay: float) -> np
     ("delay", "shifts"), [(0.0, 0), (0.2, 1), (0.5, 1), (1.5, 3), (1.2, 3), (3 * 0.1, 1)]
 )
 def test_delays_that_are_multiples_or_not_are_exact(lag: float, delay: float, shifts: int):
-    model = LinearModel([[-1 / 3]], [[1 / 3]], [[1.0]], [[0.0]], delay_s=delay, lag_s=lag)
+    model = StateSpace([[-1 / 3]], [[1 / 3]], [[1.0]], [[0.0]], delay_s=delay, lag_s=lag)
     discrete = model.discretise(0.5)
     assert len(discrete.A) == 1 + (lag > 0) + shifts
     found = discrete.simulate(np.ones((40, 1)))[:, 0]
@@ -124,13 +126,13 @@ def test_delays_that_are_multiples_or_not_are_exact(lag: float, delay: float, sh
 
 
 def test_a_direct_gain_acts_behind_the_delay():
-    model = LinearModel([[-1.0]], [[0.0]], [[1.0]], [[2.0]], delay_s=1.5)
+    model = StateSpace([[-1.0]], [[0.0]], [[1.0]], [[2.0]], delay_s=1.5)
     found = model.discretise(1.0).simulate(np.ones((5, 1)))[:, 0]
     np.testing.assert_array_equal(found, [0, 0, 2, 2, 2])
 
 
 def test_room_for_a_longer_delay_changes_nothing():
-    model = LinearModel([[-1 / 3]], [[1 / 3]], [[1.0]], [[0.5]], delay_s=1.2)
+    model = StateSpace([[-1 / 3]], [[1 / 3]], [[1.0]], [[0.5]], delay_s=1.2)
     commands = np.sin(np.arange(30.0))[:, None]
     own, roomy = model.discretise(0.5), model.discretise(0.5, longest_delay=4.0)
     assert len(roomy.A) > len(own.A)
@@ -176,7 +178,7 @@ def test_more_temperatures_than_cells_are_met_as_well_as_possible():
 def test_models_of_many_draws_are_those_of_each():
     twin, values = Twin("dual-cell"), np.array([1.8, 2.2])
 
-    def model(R_E) -> DiscreteModel:
+    def model(R_E) -> StateSpace:
         linear = linearize(twin.with_values({"R_E": R_E}), duty=[0.4, 0.4])
         return linear.discretise(1.0, longest_delay=3.0)
 
@@ -235,12 +237,12 @@ def test_a_twin_with_several_values_is_refused():
 
 def test_invalid_matrices_delays_and_sample_times_are_refused():
     with pytest.raises(ControlError, match=r"got shapes \(1, 1\), \(2, 1\)"):
-        LinearModel([[-1.0]], [[1.0], [1.0]], [[1.0]], [[0.0]])
+        StateSpace([[-1.0]], [[1.0], [1.0]], [[1.0]], [[0.0]])
     with pytest.raises(ControlError, match="delay_s: expected 0 s or more, got -1 s"):
-        LinearModel([[-1.0]], [[1.0]], [[1.0]], [[0.0]], delay_s=-1)
+        StateSpace([[-1.0]], [[1.0]], [[1.0]], [[0.0]], delay_s=-1)
     with pytest.raises(ControlError, match="output_names: expected 1 names, got 2"):
-        LinearModel([[-1.0]], [[1.0]], [[1.0]], [[0.0]], output_names=["a", "b"])
-    model = LinearModel([[-1.0]], [[1.0]], [[1.0]], [[0.0]], delay_s=2.0)
+        StateSpace([[-1.0]], [[1.0]], [[1.0]], [[0.0]], output_names=["a", "b"])
+    model = StateSpace([[-1.0]], [[1.0]], [[1.0]], [[0.0]], delay_s=2.0)
     with pytest.raises(ControlError, match="sample_time_s: expected a number above 0"):
         model.discretise(0.0)
     for size in (1e-3, 1e-9):
@@ -252,3 +254,40 @@ def test_invalid_matrices_delays_and_sample_times_are_refused():
         jax.jit(lambda m: m.discretise(1.0))(model)
     with pytest.raises(ControlError, match="duty: expected 1 numbers"):
         model.discretise(1.0).step(np.zeros(3), [1.0, 2.0])
+    for what in (model.start, lambda: model.step(np.zeros(1), 0.5), model.without_feedthrough):
+        with pytest.raises(ControlError, match=r"expected a discrete model, such as linearize"):
+            what()
+    discrete = model.discretise(1.0)
+    for what in (lambda: discrete.reduce(1), lambda: discrete.discretise(2.0)):
+        with pytest.raises(ControlError, match="expected a model in continuous time, got one with"):
+            what()
+    with pytest.raises(ControlError, match="delay_s, lag_s: expected 0 s with a sample time"):
+        StateSpace([[0.5]], [[1.0]], [[1.0]], [[0.0]], sample_time_s=1.0, delay_s=2.0)
+
+
+def without_delay_and_lag() -> StateSpace:
+    model = linearize(Twin("dual-cell"), duty=0.4)
+    return dataclasses.replace(model, delay_s=0.0, lag_s=0.0, is_delayed=False, is_lagged=False)
+
+
+def test_a_discrete_model_has_the_gain_and_the_time_constants_of_the_continuous_one():
+    model = without_delay_and_lag()
+    discrete = model.discretise(0.5)
+    np.testing.assert_allclose(discrete.dcgain, model.dcgain, rtol=1e-9)
+    np.testing.assert_allclose(discrete.time_constants_s[:5], model.time_constants_s[:5], rtol=1e-6)
+
+
+def test_weighted_outputs_and_the_last_command_as_a_state_change_no_reading():
+    model = without_delay_and_lag().reduce(3).discretise(1.0)
+    weights = np.full((1, len(model.output_names)), 1 / len(model.output_names))
+    mean = model.with_outputs(weights, ["mean"])
+    duty = np.linspace([0.4, 0.4], [0.9, 0.2], 20)
+    np.testing.assert_allclose(mean.simulate(duty)[:, 0], model.simulate(duty).mean(axis=1))
+    late = mean.without_feedthrough()
+    assert not np.asarray(late.D).any()
+    # A reading just before a command follows the last one.
+    state = mean.start()
+    for last, now, read in zip(duty, duty[1:], late.simulate(duty)[1:], strict=False):
+        state = mean.step(state, last)
+        np.testing.assert_allclose(read, mean.outputs(state, last), rtol=1e-12)
+        assert abs(read - mean.outputs(state, now)) > 1e-6

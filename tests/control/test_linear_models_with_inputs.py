@@ -5,7 +5,7 @@ import pytest
 from boxes import box, box_table
 
 from jaxtwin import Experiment, Twin, linearize, simulate
-from jaxtwin.control import LinearModel
+from jaxtwin.control import StateSpace
 from jaxtwin.errors import ControlError
 from jaxtwin.rig import rig_from_tables
 
@@ -26,7 +26,7 @@ def other() -> Twin:
     return Twin(rig_from_tables(table, "box"))
 
 
-def assert_equal(found: LinearModel, expected: LinearModel) -> None:
+def assert_equal(found: StateSpace, expected: StateSpace) -> None:
     for name in ("A", "B", "C"):
         np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-9)
     for name in ("duty", "nodes", "outputs"):
@@ -54,8 +54,8 @@ def test_a_time_of_a_run_has_the_inputs_of_the_run(twin: Twin):
     run = simulate(twin, Experiment(time, np.full(201, 0.5), ambient=20.0).with_inputs(lid=lid))
     model = linearize(twin, run=run, time=30.0)
     slope = (run.states[121] - run.states[119]) / 0.5
-    assert model.rates is not None
-    np.testing.assert_allclose(model.rates, slope, atol=1e-4)
+    assert model.offset is not None
+    np.testing.assert_allclose(model.offset, slope, atol=1e-4)
     air = run.nodes.index("air")
     assert slope[air] < -0.01
     still = linearize(twin, run=simulate(twin, run.experiment.with_inputs(lid=0)), time=30.0)

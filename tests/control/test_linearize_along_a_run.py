@@ -8,7 +8,7 @@ import pytest
 from central_differences import differences
 
 from jaxtwin import Experiment, Twin, export_c, linearize, simulate
-from jaxtwin.control import LQI
+from jaxtwin.control import design_lqi
 from jaxtwin.errors import ControlError
 from jaxtwin.simulation import Run
 
@@ -46,9 +46,9 @@ def test_matrices_and_rates_are_those_of_the_run(twin: Twin, run: Run, float64):
         scale = np.maximum(rows, 1e-3 * rows.max())
         np.testing.assert_allclose(found / scale, expected / scale, rtol=0, atol=1e-6)
     of_run = (run.states[121] - run.states[119]) / 1.0
-    assert model.rates is not None
-    np.testing.assert_allclose(model.rates, of_run, rtol=0, atol=2e-3 * np.abs(of_run).max())
-    assert np.abs(model.rates).max() > 0.05
+    assert model.offset is not None
+    np.testing.assert_allclose(model.offset, of_run, rtol=0, atol=2e-3 * np.abs(of_run).max())
+    assert np.abs(model.offset).max() > 0.05
 
 
 @pytest.mark.slow
@@ -61,7 +61,7 @@ def test_the_next_seconds_are_those_of_the_twin(twin: Twin, run: Run):
     assert change > 3
     assert np.abs(found - expected).max() < 0.01 * change
     rest = model.at_rest()
-    assert rest.rates is None
+    assert rest.offset is None
     discrete = rest.discretise(0.5)
     start = np.zeros(len(discrete.A))
     start[: len(model.A)] = run.states[120] - np.asarray(rest.operating_point.nodes)
@@ -80,8 +80,8 @@ def test_at_a_rest_it_is_the_model_of_the_duty(twin: Twin):
     duty = [0.4, 0.3]
     still = simulate(twin, Experiment([0.0, 20_000.0], [duty, duty]), initial="steady")
     model, expected = linearize(twin, run=still, time=20_000), linearize(twin, duty=duty)
-    assert model.rates is not None
-    np.testing.assert_allclose(model.rates, 0, atol=1e-9)
+    assert model.offset is not None
+    np.testing.assert_allclose(model.offset, 0, atol=1e-9)
     np.testing.assert_allclose(model.A, expected.A, rtol=0, atol=1e-9)
     np.testing.assert_allclose(model.operating_point.duty, duty, atol=1e-12)
 
@@ -115,9 +115,9 @@ def test_designs_on_a_state_that_is_not_at_rest_are_refused(twin: Twin, run: Run
     model = linearize(twin, run=run, time=WARM_UP)
     for use in (
         lambda: model.reduce(4),
-        lambda: LQI(model.discretise(1.0)),
+        lambda: design_lqi(model.discretise(1.0)),
         lambda: export_c(model.discretise(1.0), tmp_path),
     ):
-        with pytest.raises(ControlError, match=r"take LinearModel\.at_rest\(\) first"):
+        with pytest.raises(ControlError, match=r"take StateSpace\.at_rest\(\) first"):
             use()
     assert model.at_rest().reduce(4).A.shape == (4, 4)

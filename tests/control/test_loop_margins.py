@@ -5,7 +5,14 @@ import pytest
 
 import jaxtwin as jt
 from jaxtwin import Twin
-from jaxtwin.control import LQI, PID, DecoupledPI, FunctionController, decoupling_of, loop_margins
+from jaxtwin.control import (
+    PID,
+    DecoupledPI,
+    FunctionController,
+    decoupling_of,
+    design_lqi,
+    loop_margins,
+)
 from jaxtwin.errors import ControlError
 
 
@@ -49,8 +56,12 @@ def test_the_examples_of_the_page_are_not_fragile_and_an_earlier_one_was(twin: T
     two = {"measured": ["TAM", "TCM"], "limits": (0, 1)}
     model = jt.linearize(twin, temperatures={"TAM": 40.0, "TCM": 40.0})
     small = model.reduce(4).discretise(1.0)
-    fragile = LQI(small, integral_deviation=30.0, duty_deviation=0.5, reading_noise=0.1, **two)
-    robust = LQI(small, integral_deviation=30.0, duty_deviation=0.5, reading_noise=2.0, **two)
+    fragile = design_lqi(
+        small, integral_deviation=30.0, duty_deviation=0.5, reading_noise=0.1, **two
+    )
+    robust = design_lqi(
+        small, integral_deviation=30.0, duty_deviation=0.5, reading_noise=2.0, **two
+    )
     before, after = (loop_margins(twin, one, 40.0) for one in (fragile, robust))
     assert before.sensitivity_peak > 2.5
     assert "fragile, a usual limit of the peak is 2" in before.summary()

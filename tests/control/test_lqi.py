@@ -13,32 +13,30 @@ from jaxtwin import Twin, export_c, linearize, simulate_closed_loop
 from jaxtwin.control import (
     LQI,
     MPC,
-    DiscreteModel,
     HeatInput,
-    LinearModel,
+    StateSpace,
+    design_lqi,
+    design_mpc,
     read_controller,
     save_controller,
 )
-from jaxtwin.control.controllers._plant import plant_of
 from jaxtwin.control.linear._riccati import filter_gain, regulator
 from jaxtwin.errors import ControlError
 
 GOLDEN = (1 + 5**0.5) / 2
 
 
-def plate(*, delay_s: float = 2.5, D: Any = ((0.0, 0.0), (0.0, 0.0))) -> DiscreteModel:
+def plate(*, delay_s: float = 2.5, D: Any = ((0.0, 0.0), (0.0, 0.0))) -> StateSpace:
     """Two places that warm each other, each with a cell."""
     A = np.array([[-0.03, 0.01], [0.008, -0.025]])
     B = np.array([[1.2, 0.1], [0.1, 1.0]])
     names = ["left", "right"]
-    model = LinearModel(
-        A, B, np.eye(2), np.array(D), output_names=names, delay_s=delay_s, lag_s=3.0
-    )
+    model = StateSpace(A, B, np.eye(2), np.array(D), output_names=names, delay_s=delay_s, lag_s=3.0)
     return model.discretise(1.0)
 
 
 def followed(
-    controller: Any, model: DiscreteModel, reference: list[float], samples: int, heat: float = 0.0
+    controller: Any, model: StateSpace, reference: list[float], samples: int, heat: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
     """Outputs and duty from rest, with heat that acts as a duty of all cells would."""
     with jax.enable_x64(True):
@@ -73,8 +71,8 @@ def test_gains_are_those_of_python_control():
 
     model = plate()
     given = {"output_deviation": [0.5, 2.0], "drift": 0.2, "reading_noise": 0.1}
-    lqi = LQI(model, measured=["left", "right"], **given)
-    states, h = len(model.A), model.sample_time_s
+    lqi = design_lqi(model, measured=["left", "right"], **given)
+    states, h = len(model.A), lqi.sample_time_s
     A = np.block([[model.A, np.zeros((states, 2))], [-h * model.C, np.eye(2)]])
     B = np.vstack([model.B, np.zeros((2, 2))])
     Q = np.zeros((states + 2, states + 2))
@@ -93,7 +91,7 @@ def test_gains_are_those_of_python_control():
 def test_the_filter_finds_the_disturbance_that_it_was_made_for():
     """In K at rest: a duty of 0.1 that nobody gave."""
     model = plate()
-    lqi = LQI(model, measured=["left", "right"], reading_noise=0.1)
+    lqi = design_lqi(model, measured=["left", "right"], reading_noise=0.1)
     gain = model.C @ np.linalg.solve(np.eye(len(model.A)) - model.A, model.B)
     with jax.enable_x64(True):
         x = np.zeros(len(model.A))
@@ -109,7 +107,7 @@ def test_the_filter_finds_the_disturbance_that_it_was_made_for():
 def test_outputs_come_to_their_references_in_spite_of_heat(direct: float):
     """In the mean and in the difference, also where outputs follow the duty at once."""
     model = plate(delay_s=0.0 if direct else 2.5, D=np.eye(2) * direct)
-    lqi = LQI(model, measured=["left", "right"])
+    lqi = design_lqi(model, measured=["left", "right"])
     outputs, _ = followed(lqi, model, [8.0, 5.0], 800, heat=0.05)
     np.testing.assert_allclose(outputs[-1], [8.0, 5.0], atol=1e-4)
     assert np.max(outputs[:, 0]) < 8.8
@@ -117,7 +115,7 @@ def test_outputs_come_to_their_references_in_spite_of_heat(direct: float):
 
 def test_two_cells_share_the_duty_for_one_mean():
     model = plate()
-    lqi = LQI(model)
+    lqi = design_lqi(model)
     outputs, duty = followed(lqi, model, [6.0], 800)
     np.testing.assert_allclose(outputs[-1], 6.0, atol=1e-4)
     assert duty[-1].min() > 0.4 * duty[-1].sum()
@@ -126,7 +124,7 @@ def test_two_cells_share_the_duty_for_one_mean():
 def test_a_limit_of_the_duty_does_not_wind_up_the_integrals():
     """Far beyond reach for long, then a reference within: the limit is left within the delay."""
     model = plate()
-    lqi = LQI(model, measured=["left", "right"], limits=(-1, 0.3), setpoint_weight=1.0)
+    lqi = design_lqi(model, measured=["left", "right"], limits=(-1, 0.3), setpoint_weight=1.0)
     with jax.enable_x64(True):
         step = jax.jit(lambda state, r, y: lqi.step(state, r, y))
         x = np.zeros(len(model.A))
@@ -145,7 +143,7 @@ def test_a_limit_of_the_duty_does_not_wind_up_the_integrals():
 @pytest.mark.parametrize("measured", [("left", "right"), None])
 def test_an_lqi_takes_over_without_a_jump_of_the_duty(weight: float, measured: Any):
     """Whatever the readings are: what the model does not explain is a disturbance."""
-    lqi = LQI(plate(), measured=measured, setpoint_weight=weight)
+    lqi = design_lqi(plate(), measured=measured, setpoint_weight=weight)
     with jax.enable_x64(True):
         duty, measurement = np.array([0.31, -0.12]), np.array([31.0, 33.0])[: len(lqi.outputs)]
         state = lqi.init(duty, measurement)
@@ -156,7 +154,7 @@ def test_an_lqi_takes_over_without_a_jump_of_the_duty(weight: float, measured: A
 
 @pytest.mark.slow
 def test_gains_can_be_drawn_and_differentiated():
-    lqi = LQI(plate(), measured=["left", "right"])
+    lqi = design_lqi(plate(), measured=["left", "right"])
     with jax.enable_x64(True):
 
         def asked(Ki: jax.Array) -> jax.Array:
@@ -173,7 +171,7 @@ def test_gains_can_be_drawn_and_differentiated():
 def test_a_rig_comes_to_its_mean_and_difference_without_offset(twin: Twin):
     """Designed on 4 states of the plate at 40 °C, far below, and with heat that nobody told."""
     model = linearize(twin, temperatures={"TAM": 40.0, "TCM": 40.0}).reduce(4).discretise(2.0)
-    lqi = LQI(model, measured=["TAM", "TCM"], limits=(0, 1))
+    lqi = design_lqi(model, measured=["TAM", "TCM"], limits=(0, 1))
     hand = HeatInput(elements=("V14", "V15"), start=200, end=500, heat=2.0)
     run = simulate_closed_loop(
         twin,
@@ -191,12 +189,11 @@ def test_a_rig_comes_to_its_mean_and_difference_without_offset(twin: Twin):
 def refusing(message: str, **arguments: Any) -> None:
     model = arguments.pop("model", plate())
     with pytest.raises(ControlError, match=message):
-        LQI(model, **arguments)
+        design_lqi(model, **arguments)
 
 
 def test_invalid_designs_of_an_lqi_are_refused():
-    with pytest.raises(ControlError, match="LQI: model: expected a DiscreteModel, such as"):
-        plant_of("LQI", 1.0, None)
+    refusing("LQI: model: expected a discrete model", model=linearize(Twin("tclab"), duty=0.4))
     refusing("LQI: drift: expected a finite number above 0", drift=0.0)
     refusing("LQI: output_deviation: expected .* or 1 of them", output_deviation=[1, 2, 3])
     refusing("LQI: duty_deviation: expected a finite", duty_deviation=np.nan)
@@ -209,12 +206,12 @@ def test_invalid_designs_of_an_lqi_are_refused():
         (0.0, "LQI: model: expected one that comes to rest"),
     ):
         A, B = np.diag([pole, -0.1]), np.array([[0.0], [1.0]])  # no input reaches the first state
-        model = LinearModel(A, B, np.ones((1, 2)), np.zeros((1, 1)), output_names=["left"])
+        model = StateSpace(A, B, np.ones((1, 2)), np.zeros((1, 1)), output_names=["left"])
         refusing(message, model=model.discretise(1.0))
 
 
-@pytest.mark.parametrize("design", [LQI, MPC])
-def test_a_controller_of_another_rigs_model_is_refused(twin: Twin, design: type, tmp_path: Path):
+@pytest.mark.parametrize("design", [design_lqi, design_mpc])
+def test_a_controller_of_another_rigs_model_is_refused(twin: Twin, design: Any, tmp_path: Path):
     other = Twin("paper-2024")
     model = linearize(other, duty=0.3).reduce(3).discretise(1.0)
     controller = design(model, measured=["TAM", "TCM"], limits=(0, 1))
@@ -227,3 +224,14 @@ def test_a_controller_of_another_rigs_model_is_refused(twin: Twin, design: type,
         export_c(controller, tmp_path, rig=twin.rig)
     save_controller(tmp_path / "own.toml", controller, other.rig)
     read_controller(tmp_path / "own.toml", other.rig)
+
+
+@pytest.mark.parametrize(("kind", "design"), [(LQI, design_lqi), (MPC, design_mpc)])
+def test_the_constructor_takes_the_arguments_of_the_design_with_a_warning(kind: Any, design: Any):
+    model = plate()
+    given: dict[str, Any] = {"measured": ["left", "right"], "limits": (0, 1)}
+    with pytest.warns(
+        DeprecationWarning, match=rf"{kind.__name__}\(...\) is now {design.__name__}"
+    ):
+        old = kind(model, **given)
+    assert eqx.tree_equal(old, design(model, **given))

@@ -9,7 +9,7 @@ import pytest
 from scipy.linalg import block_diag
 
 from jaxtwin import Twin, linearize, simulate_closed_loop
-from jaxtwin.control import MPC, DiscreteModel, HeatInput, LinearModel
+from jaxtwin.control import MPC, HeatInput, StateSpace, design_mpc
 from jaxtwin.control.controllers._mpc import MPCState
 from jaxtwin.control.linear._riccati import regulator
 from jaxtwin.errors import ControlError
@@ -17,16 +17,16 @@ from jaxtwin.errors import ControlError
 BOTH = ("left", "right")
 
 
-def plate() -> DiscreteModel:
+def plate() -> StateSpace:
     """Two places that warm each other, each with a cell behind lag and delay."""
     A = np.array([[-0.03, 0.01], [0.008, -0.025]])
     B = np.array([[1.2, 0.1], [0.1, 1.0]])
-    model = LinearModel(A, B, np.eye(2), np.zeros((2, 2)), output_names=BOTH, delay_s=2.5, lag_s=3)
+    model = StateSpace(A, B, np.eye(2), np.zeros((2, 2)), output_names=BOTH, delay_s=2.5, lag_s=3)
     return model.discretise(1.0)
 
 
 def followed(
-    mpc: MPC, model: DiscreteModel, references: np.ndarray, heat: float = 0.0
+    mpc: MPC, model: StateSpace, references: np.ndarray, heat: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
     """Outputs and duty from rest, with heat that acts as a duty of all cells would."""
     with jax.enable_x64(True):
@@ -48,7 +48,9 @@ def followed(
 def test_an_mpc_without_an_active_limit_is_the_regulator(horizon: int):
     """Of x and the last duty, with changes of the duty as input, whatever the horizon."""
     model = plate()
-    mpc = MPC(model, measured=BOTH, horizon=horizon, output_deviation=2.0, duty_deviation=0.5)
+    mpc = design_mpc(
+        model, measured=BOTH, horizon=horizon, output_deviation=2.0, duty_deviation=0.5
+    )
     n = len(model.A)
     A = np.block([[model.A, model.B], [np.zeros((2, n)), np.eye(2)]])
     Q = np.asarray(block_diag(model.C.T @ model.C / 4, np.eye(2) / 0.5**2))
@@ -69,7 +71,7 @@ def test_an_mpc_without_an_active_limit_is_the_regulator(horizon: int):
 @pytest.mark.slow
 def test_limits_of_duty_and_rate_are_hard_and_heat_leaves_no_offset():
     model = plate()
-    mpc = MPC(model, measured=BOTH, limits=(0, 0.5), rate_limit=0.05, horizon=10)
+    mpc = design_mpc(model, measured=BOTH, limits=(0, 0.5), rate_limit=0.05, horizon=10)
     outputs, duty = followed(mpc, model, np.tile([16.0, 13.0], (300, 1)), heat=0.05)
     assert duty.min() >= 0
     assert 0.5 - 1e-9 < duty.max() <= 0.5
@@ -82,7 +84,7 @@ def test_limits_of_duty_and_rate_are_hard_and_heat_leaves_no_offset():
 @pytest.mark.slow
 def test_an_mpc_at_its_limit_does_not_wind_up():
     model = plate()
-    mpc = MPC(model, measured=BOTH, limits=(-1, 0.3), horizon=10)
+    mpc = design_mpc(model, measured=BOTH, limits=(-1, 0.3), horizon=10)
     aims = np.r_[np.full((300, 2), 60.0), np.full((5, 2), 5.0)]
     _, duty = followed(mpc, model, aims)
     np.testing.assert_allclose(duty[100:300], 0.3, atol=1e-6)
@@ -94,7 +96,9 @@ def test_a_temperature_limit_is_kept_while_the_other_output_goes_on():
     """The reference asks for more than the limit of one side; nothing tells the other."""
     model = plate()
     limits: Any = {"left": (-5, 10)}
-    mpc = MPC(model, measured=BOTH, horizon=10, temperature_limits=limits, excess_deviation=0.05)
+    mpc = design_mpc(
+        model, measured=BOTH, horizon=10, temperature_limits=limits, excess_deviation=0.05
+    )
     outputs, _ = followed(mpc, model, np.tile([16.0, 13.0], (300, 1)), heat=0.05)
     assert np.max(outputs[:, 0]) < 10.1
     np.testing.assert_allclose(outputs[-1], [10.0, 13.0], atol=0.05)
@@ -108,7 +112,7 @@ def test_of_limits_that_exclude_each_other_the_one_of_smaller_accepted_excess_is
     accepted = np.array([1.0, 1.0])
     accepted[first] = 0.01
     limits: Any = {"left": (-5, 10, accepted[0]), "right": (30, 90, accepted[1])}
-    mpc = MPC(model, measured=BOTH, limits=(0, 1), temperature_limits=limits)
+    mpc = design_mpc(model, measured=BOTH, limits=(0, 1), temperature_limits=limits)
     outputs, _ = followed(mpc, model, np.zeros((600, 2)))
     beyond = np.array([outputs[-1, 0] - 10, 30 - outputs[-1, 1]])
     assert beyond[first] < 0.05
@@ -120,7 +124,9 @@ def test_a_start_beyond_a_temperature_limit_is_left_as_fast_as_the_duty_allows()
     """Soft: there is a plan, although none keeps the limit."""
     model = plate()
     limits: Any = {"left": (-5, -1)}
-    mpc = MPC(model, measured=BOTH, horizon=10, limits=(-0.2, 0.2), temperature_limits=limits)
+    mpc = design_mpc(
+        model, measured=BOTH, horizon=10, limits=(-0.2, 0.2), temperature_limits=limits
+    )
     outputs, duty = followed(mpc, model, np.zeros((200, 2)))
     assert duty[0, 0] == pytest.approx(-0.2, abs=1e-6)
     np.testing.assert_allclose(outputs[-1], [-1.0, 0.0], atol=0.05)
@@ -132,7 +138,7 @@ def test_heat_beside_a_limited_channel_is_seen_by_its_own_sensor(twin: Twin):
     the reference, and TCM is held. Without the limit T11 comes to 46 degC."""
     model = linearize(twin, temperatures={"TAM": 40.0, "TCM": 40.0}).reduce(4).discretise(1.0)
     limits: Any = {"T11": (0, 39)}
-    mpc = MPC(
+    mpc = design_mpc(
         model,
         measured=["TAM", "TCM"],
         duty_deviation=0.04,
@@ -154,21 +160,21 @@ def test_heat_beside_a_limited_channel_is_seen_by_its_own_sensor(twin: Twin):
 def test_the_rounded_duty_keeps_the_rate_limit(twin: Twin):
     """0.05 of 255 counts are 12.75: rounded changes of 13 would exceed it."""
     model = linearize(twin, temperatures={"TAM": 30.0, "TCM": 30.0}).reduce(4).discretise(1.0)
-    mpc = MPC(model, measured=["TAM", "TCM"], limits=(0, 1), rate_limit=0.05)
+    mpc = design_mpc(model, measured=["TAM", "TCM"], limits=(0, 1), rate_limit=0.05)
     run = simulate_closed_loop(twin, mpc, 30.0, duration=60)
     changes = np.abs(np.diff(run.duty, axis=0)).max()
     assert changes == pytest.approx(12 / 255, abs=1e-12)
     with pytest.raises(
         ControlError, match=r"rate_limit: expected at least a count .* 0\.00392 1/s"
     ):
-        MPC(model, measured=["TAM", "TCM"], rate_limit=0.003).for_rig(twin.rig)
+        design_mpc(model, measured=["TAM", "TCM"], rate_limit=0.003).for_rig(twin.rig)
 
 
 @pytest.mark.slow
 def test_a_limit_that_no_duty_keeps_is_named(twin: Twin):
     model = linearize(twin, temperatures={"TAM": 30.0, "TCM": 30.0}).reduce(4).discretise(1.0)
     limits: Any = {"T11": (0, 25), "T16": (0, 90)}
-    mpc = MPC(model, measured=["TAM", "TCM"], limits=(0, 1), temperature_limits=limits)
+    mpc = design_mpc(model, measured=["TAM", "TCM"], limits=(0, 1), temperature_limits=limits)
     hand = HeatInput(("V11",), 0.0, 300.0, 10.0)
     run = simulate_closed_loop(twin, mpc, 30.0, duration=300, disturbances=[hand])
     (exceeded,) = run.exceeded
@@ -185,8 +191,8 @@ def test_a_temperature_limit_far_away_changes_nothing():
     model = plate()
     far: Any = {"left": (-500, 500), "right": (-500, 500)}
     references = np.tile([6.0, 3.0], (40, 1))
-    _, without = followed(MPC(model, measured=BOTH, horizon=10), model, references)
-    mpc = MPC(model, measured=BOTH, horizon=10, temperature_limits=far)
+    _, without = followed(design_mpc(model, measured=BOTH, horizon=10), model, references)
+    mpc = design_mpc(model, measured=BOTH, horizon=10, temperature_limits=far)
     _, duty = followed(mpc, model, references)
     np.testing.assert_allclose(duty, without, rtol=0, atol=1e-6)
 
@@ -195,7 +201,7 @@ def test_a_temperature_limit_far_away_changes_nothing():
 def test_with_preview_the_duty_moves_before_the_reference():
     """The horizon in place of the reference of now: the duty moves before the step does."""
     model = plate()
-    mpc = MPC(model, measured=BOTH, horizon=10, duty_deviation=0.5)
+    mpc = design_mpc(model, measured=BOTH, horizon=10, duty_deviation=0.5)
     steps = np.where(np.arange(60)[:, None] < 30, 0.0, np.array([5.0, 4.0]))
     preview = np.stack([steps[n : n + 10] for n in range(50)])
     with_it, early = followed(mpc, model, preview)
@@ -213,7 +219,7 @@ def test_a_simulated_loop_gives_the_references_to_come(twin: Twin):
     settings: dict[str, Any] = {"duration": 200.0, "noise": False, "quantised": False}
     runs = []
     for preview in (False, True):
-        mpc = MPC(
+        mpc = design_mpc(
             model,
             measured=["TAM", "TCM"],
             limits=(0, 1),
@@ -238,7 +244,7 @@ def test_a_simulated_loop_gives_the_references_to_come(twin: Twin):
 
 @pytest.mark.slow
 def test_an_mpc_takes_over_without_a_jump_of_the_duty():
-    mpc = MPC(plate(), measured=BOTH)
+    mpc = design_mpc(plate(), measured=BOTH)
     with jax.enable_x64(True):
         step = jax.jit(lambda state, r, y: mpc.step(state, r, y))
         duty, measurement = np.array([0.31, -0.12]), np.array([31.0, 33.0])
@@ -251,7 +257,7 @@ def test_an_mpc_takes_over_without_a_jump_of_the_duty():
 @pytest.mark.slow
 def test_a_rig_comes_to_its_mean_and_difference_without_offset(twin: Twin):
     model = linearize(twin, temperatures={"TAM": 40.0, "TCM": 40.0}).reduce(4).discretise(2.0)
-    mpc = MPC(model, measured=["TAM", "TCM"], limits=(0, 1), horizon=10)
+    mpc = design_mpc(model, measured=["TAM", "TCM"], limits=(0, 1), horizon=10)
     hand = HeatInput(elements=("V14", "V15"), start=150, end=400, heat=2.0)
     run = simulate_closed_loop(
         twin,
@@ -280,4 +286,4 @@ def test_a_rig_comes_to_its_mean_and_difference_without_offset(twin: Twin):
 )
 def test_invalid_designs_of_an_mpc_are_refused(arguments: dict[str, Any], message: str):
     with pytest.raises(ControlError, match=message):
-        MPC(plate(), **arguments)
+        design_mpc(plate(), **arguments)

@@ -15,6 +15,8 @@ from jaxtwin.control import (
     HeatInput,
     LiveLoop,
     NonlinearMPC,
+    design_mpc,
+    design_nonlinear_mpc,
     loop_margins,
     save_controller,
 )
@@ -46,7 +48,7 @@ def first(controller: MPC | NonlinearMPC, duty: float, measured: float, referenc
 def test_the_plan_is_the_optimum_of_the_twin(cell: Twin):
     """Scipy's least squares over `Stepper`, with derivatives by differences: the same residuals,
     written a second time."""
-    controller = NonlinearMPC(
+    controller = design_nonlinear_mpc(
         cell, horizon=4, sample_time_s=10.0, limits=(0, 0.9), iterations=12, output_deviation=0.5
     )
     room = float(cell.values["T_amb"])
@@ -74,8 +76,8 @@ def test_near_its_operating_point_it_does_what_the_linear_mpc_does(cell: Twin):
     the samples beyond 300 s matter little."""
     given: dict[str, Any] = {"horizon": 30, "limits": (0, 1)}
     model = linearize(cell, temperatures=50.0).discretise(10.0)
-    linear = MPC(model, duty_deviation=1e3, **given)
-    nonlinear = NonlinearMPC(cell, sample_time_s=10.0, **given)
+    linear = design_mpc(model, duty_deviation=1e3, **given)
+    nonlinear = design_nonlinear_mpc(cell, sample_time_s=10.0, **given)
     duty = float(np.asarray(model.operating_point.duty)[0])
     one, _ = first(linear, duty, 50.0, 50.5)
     other, _ = first(nonlinear, duty, 50.0, 50.5)
@@ -86,7 +88,7 @@ def test_near_its_operating_point_it_does_what_the_linear_mpc_does(cell: Twin):
 @pytest.mark.slow
 def test_it_takes_over_without_a_jump(cell: Twin):
     """At any reading, which unknown heat then explains."""
-    duty, _ = first(NonlinearMPC(cell, horizon=5, limits=(0, 1)), 0.3, 40.0, 40.0)
+    duty, _ = first(design_nonlinear_mpc(cell, horizon=5, limits=(0, 1)), 0.3, 40.0, 40.0)
     assert duty[0] == pytest.approx(0.3, abs=1e-8)
 
 
@@ -94,7 +96,7 @@ def test_it_takes_over_without_a_jump(cell: Twin):
 def test_unknown_heat_leaves_no_offset(cell: Twin):
     """5 W into the load, and a twin whose sink is twice as good as the rig's."""
     wrong = cell.with_values({"R_sink": 0.5 * float(cell.values["R_sink"])})
-    controller = NonlinearMPC(wrong, horizon=20, sample_time_s=5.0, limits=(-1, 1))
+    controller = design_nonlinear_mpc(wrong, horizon=20, sample_time_s=5.0, limits=(-1, 1))
     heat = HeatInput((cell.netlist.nodes[0].name,), 300.0, 900.0, 5.0)
     run = simulate_closed_loop(
         cell, controller, 50.0, duration=900, disturbances=[heat], noise=False
@@ -107,7 +109,7 @@ def test_unknown_heat_leaves_no_offset(cell: Twin):
 def test_limits_of_the_duty_its_rate_and_a_temperature_hold(cell: Twin):
     """The reference lies behind the limit of the same channel."""
     limits: Any = {cell.channels[0]: (0, 45)}
-    controller = NonlinearMPC(
+    controller = design_nonlinear_mpc(
         cell,
         horizon=20,
         sample_time_s=5.0,
@@ -127,7 +129,7 @@ def test_limits_of_the_duty_its_rate_and_a_temperature_hold(cell: Twin):
 @pytest.mark.slow
 def test_a_plate_is_cooled_from_idle_cells(cell: Twin):
     """At a duty of 0 the heat of a cell has a kink, at which JAX gives its slope as 0."""
-    controller = NonlinearMPC(cell, horizon=20, sample_time_s=5.0)
+    controller = design_nonlinear_mpc(cell, horizon=20, sample_time_s=5.0)
     run = simulate_closed_loop(cell, controller, 10.0, duration=400, noise=False)
     assert run.duty.min() < -0.1
     assert run.output[-1, 0] == pytest.approx(10.0, abs=0.05)
@@ -136,7 +138,7 @@ def test_a_plate_is_cooled_from_idle_cells(cell: Twin):
 @pytest.mark.slow
 def test_draws_of_the_twin_are_controlled_side_by_side(cell: Twin):
     """The loop of each draw is the one that it has alone."""
-    controller = NonlinearMPC(cell, horizon=5, sample_time_s=10.0, limits=(0, 1))
+    controller = design_nonlinear_mpc(cell, horizon=5, sample_time_s=10.0, limits=(0, 1))
     sinks = [0.8, 1.2] * np.asarray(cell.values["R_sink"])
     given: dict[str, Any] = {"duration": 100, "noise": False}
     loops = simulate_closed_loops(cell, controller, 50.0, draws={"R_sink": sinks}, **given)
@@ -166,13 +168,13 @@ def test_draws_of_the_twin_are_controlled_side_by_side(cell: Twin):
 def test_what_has_no_meaning_is_refused(twin: Twin, settings: dict[str, Any], message: str):
     given: dict[str, Any] = {"measured": BOTH} | settings
     with pytest.raises(ControlError, match=message) as refused:
-        NonlinearMPC(twin, **given)
+        design_nonlinear_mpc(twin, **given)
     assert "\n" not in str(refused.value)
 
 
 @pytest.mark.slow
 def test_it_belongs_to_its_rig_and_has_neither_file_nor_c(cell: Twin, twin: Twin, tmp_path: Any):
-    controller = NonlinearMPC(cell, horizon=3)
+    controller = design_nonlinear_mpc(cell, horizon=3)
     with pytest.raises(ControlError, match="of dual-cell, got one designed on a model of single"):
         simulate_closed_loop(twin, controller, 40, duration=100)
     with pytest.raises(ControlError, match="NonlinearMPC has no C"):

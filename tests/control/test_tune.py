@@ -1,5 +1,6 @@
 """Tuning: exact derivatives, a search that finds what is known, limits that hold for every draw."""
 
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -15,8 +16,10 @@ from jaxtwin.control import (
     LQI,
     MPC,
     PID,
-    DiscreteModel,
+    StateSpace,
     Tuning,
+    design_lqi,
+    design_mpc,
     loop_margins,
     sensitivity_peak,
 )
@@ -203,13 +206,13 @@ def test_a_draw_that_no_rig_can_have_is_refused_by_its_number(twin: Twin):
 
 def test_gains_of_a_file_have_no_weights_that_could_be_tuned(twin: Twin):
     """A file of an `LQI` has its gains alone."""
-    lqi = LQI(jt.linearize(twin, duty=0.4).reduce(2).discretise(1.0))
+    lqi = design_lqi(jt.linearize(twin, duty=0.4).reduce(2).discretise(1.0))
     with pytest.raises(ControlError, match="expected names of parameters for a LQI"):
         jt.tune(twin, eqx.tree_at(lambda c: c.weights, lqi, None), 24, duration=150)
 
 
 def test_a_name_that_is_no_weight_beside_one_that_is(twin: Twin):
-    lqi = LQI(jt.linearize(twin, duty=0.4).reduce(2).discretise(1.0))
+    lqi = design_lqi(jt.linearize(twin, duty=0.4).reduce(2).discretise(1.0))
     with pytest.raises(ControlError, match="unknown weight 'Kx'"):
         jt.tune(twin, lqi, 24, duration=150, tuned=["drift", "Kx"])
 
@@ -228,16 +231,16 @@ def test_the_old_order_of_arguments_is_taken_with_a_warning(twin):
 
 
 @pytest.fixture(scope="module")
-def tclab_model() -> DiscreteModel:
+def tclab_model() -> StateSpace:
     return jt.linearize(Twin("tclab"), temperatures=40.0).discretise(5.0)
 
 
-DESIGNS = [(LQI, {}), (MPC, {"horizon": 6, "temperature_limits": {"T1": (0, 60)}})]
+DESIGNS = [(design_lqi, {}), (design_mpc, {"horizon": 6, "temperature_limits": {"T1": (0, 60)}})]
 
 
 @pytest.mark.parametrize(("design", "settings"), DESIGNS)
 def test_another_design_is_that_of_the_constructor(
-    design: type[LQI] | type[MPC], settings: dict[str, Any], tclab_model: DiscreteModel
+    design: Callable[..., LQI | MPC], settings: dict[str, Any], tclab_model: StateSpace
 ):
     given: dict[str, Any] = {"measured": ["T1", "T2"], "limits": (0, 1), **settings}
     other = design(tclab_model, **given).redesigned({"duty_deviation": [0.2, 0.3], "drift": 0.5})
@@ -250,7 +253,7 @@ def test_another_design_is_that_of_the_constructor(
 @pytest.mark.slow
 @pytest.mark.parametrize(("design", "settings"), DESIGNS)
 def test_derivatives_by_weights_are_those_of_differences(
-    design: type[LQI] | type[MPC], settings: dict[str, Any], tclab_model: DiscreteModel
+    design: Callable[..., LQI | MPC], settings: dict[str, Any], tclab_model: StateSpace
 ):
     """Of the measures of loops, and of the sensitivity peak."""
     start = design(tclab_model, measured=["T1", "T2"], limits=(0, 1), **settings)
@@ -282,10 +285,10 @@ def test_derivatives_by_weights_are_those_of_differences(
 
 
 @pytest.mark.slow
-def test_a_fragile_lqi_becomes_robust_by_its_weights(tclab_model: DiscreteModel):
+def test_a_fragile_lqi_becomes_robust_by_its_weights(tclab_model: StateSpace):
     """Its margins are said with it."""
     twin, two = Twin("tclab"), {"measured": ["T1", "T2"], "limits": (0, 1)}
-    start = LQI(tclab_model, reading_noise=0.1, **two)
+    start = design_lqi(tclab_model, reading_noise=0.1, **two)
     assert "fragile" in loop_margins(twin, start, [40.0, 35.0]).summary()
     tuning = jt.tune(
         twin, start, [40.0, 35.0], duration=200, sensitivity_limit=1.6, starts=1, rounds=14

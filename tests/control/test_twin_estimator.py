@@ -1,5 +1,7 @@
 """MPC and LQI with an observer of the twin: what it knows, and loops without offset."""
 
+from collections.abc import Callable
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -10,14 +12,15 @@ from jaxtwin import Twin, export_c, linearize, simulate_closed_loop
 from jaxtwin.control import (
     LQI,
     MPC,
-    DiscreteModel,
     HeatInput,
-    LinearModel,
     LiveLoop,
+    StateSpace,
+    design_lqi,
+    design_mpc,
     save_controller,
 )
-from jaxtwin.control.controllers._kalman import TwinEstimator, kalman_filter
-from jaxtwin.control.controllers._plant import plant_of
+from jaxtwin.control.controllers._design_model import outputs_of
+from jaxtwin.control.controllers._kalman import TwinEstimator, kalman_filter, twin_estimator
 from jaxtwin.errors import ControlError
 from jaxtwin.live import Moment
 from jaxtwin.observers import (
@@ -32,12 +35,12 @@ OUTPUTS = ["TAM", "TCM"]
 
 
 @pytest.fixture(scope="module")
-def linear(twin: Twin) -> LinearModel:
+def linear(twin: Twin) -> StateSpace:
     return linearize(twin, temperatures={"TAM": 40.0, "TCM": 40.0})
 
 
 @pytest.fixture(scope="module")
-def model(linear: LinearModel) -> DiscreteModel:
+def model(linear: StateSpace) -> StateSpace:
     return linear.reduce(4).discretise(1.0)
 
 
@@ -46,10 +49,12 @@ def observer(twin: Twin) -> ExtendedKalmanFilter:
     return live_observer(twin)
 
 
-def estimator_of(model: DiscreteModel, observer: ExtendedKalmanFilter) -> TwinEstimator:
-    plant = plant_of("test", model, [(name,) for name in OUTPUTS])
-    kalman = kalman_filter("test", plant, np.full(2, 0.1), np.full(2, 0.1), 1.0)
-    return TwinEstimator("test", observer, plant, kalman)
+def estimator_of(model: StateSpace, observer: ExtendedKalmanFilter) -> TwinEstimator:
+    (plant,) = outputs_of(model, [(name,) for name in OUTPUTS])
+    kalman = kalman_filter("test", plant, np.full(2, 0.1), np.full(2, 0.1))
+    estimator = twin_estimator("test", observer, model, plant, kalman)
+    assert estimator is not None
+    return estimator
 
 
 def known_at_rest(
@@ -77,11 +82,11 @@ def known_at_rest(
 
 
 @pytest.mark.slow
-def test_the_gain_of_a_controllers_filter_is_that_of_an_observer_at_rest(model: DiscreteModel):
+def test_the_gain_of_a_controllers_filter_is_that_of_an_observer_at_rest(model: StateSpace):
     """The algebra of the observers, repeated until the covariance does not change."""
-    plant = plant_of("test", model, [(name,) for name in OUTPUTS])
+    (plant,) = outputs_of(model, [(name,) for name in OUTPUTS])
     drift, noise = np.array([0.2, 0.1]), np.array([0.1, 0.3])
-    kalman = kalman_filter("test", plant, drift, noise, 1.0)
+    kalman = kalman_filter("test", plant, drift, noise)
     process = np.diag(np.r_[np.zeros(len(kalman.A) - 2), drift**2])
     with jax.enable_x64(True):
         A, C = jnp.asarray(kalman.A), jnp.asarray(kalman.C)
@@ -103,7 +108,7 @@ def test_the_gain_of_a_controllers_filter_is_that_of_an_observer_at_rest(model: 
 
 @pytest.mark.slow
 def test_an_observer_adds_nothing_at_the_operating_point_and_the_room_beside_it(
-    twin: Twin, linear: LinearModel, observer: ExtendedKalmanFilter
+    twin: Twin, linear: StateSpace, observer: ExtendedKalmanFilter
 ):
     """A room that is 0.3 K warmer warms the outputs at rest by what the twin's equations say."""
     point = linear.operating_point
@@ -123,11 +128,11 @@ def test_an_observer_adds_nothing_at_the_operating_point_and_the_room_beside_it(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("design", [MPC, LQI])
+@pytest.mark.parametrize("design", [design_mpc, design_lqi])
 def test_heat_that_no_model_knows_leaves_no_offset(
-    design: type[MPC] | type[LQI],
+    design: Callable[..., MPC | LQI],
     twin: Twin,
-    model: DiscreteModel,
+    model: StateSpace,
     observer: ExtendedKalmanFilter,
 ):
     """10 W beside the cells, as a hand on the plate; by the filter's integral of what it misses."""
@@ -149,7 +154,9 @@ def test_a_measured_room_is_fed_forward():
     third of that of a controller which must find it out, whose integral of error at rest is 0."""
     twin = Twin("tclab")
     model = linearize(twin, temperatures=40.0).discretise(5.0)
-    controller = MPC(model, measured=["T1", "T2"], observer=live_observer(twin, sample_time=5.0))
+    controller = design_mpc(
+        model, measured=["T1", "T2"], observer=live_observer(twin, sample_time=5.0)
+    )
     errors = [
         np.abs(
             simulate_closed_loop(
@@ -171,12 +178,12 @@ def test_a_measured_room_is_fed_forward():
 
 @pytest.mark.slow
 def test_an_impossible_reading_moves_no_controller_with_an_observer(
-    model: DiscreteModel, observer: ExtendedKalmanFilter, twin: Twin
+    model: StateSpace, observer: ExtendedKalmanFilter, twin: Twin
 ):
     """For a sample, one of the two controlled channels reads as a sensor without a wire does."""
     duty = []
     for reading in (40.0, -127.0):
-        mpc = MPC(model, measured=OUTPUTS, limits=(0, 1), observer=observer)
+        mpc = design_mpc(model, measured=OUTPUTS, limits=(0, 1), observer=observer)
         loop = LiveLoop(twin, mpc, 40.0, duration=60.0)
         asked = None
         for second in range(12):
@@ -191,10 +198,10 @@ def test_an_impossible_reading_moves_no_controller_with_an_observer(
 
 @pytest.mark.slow
 def test_a_live_loop_hands_a_measured_room_to_the_controller(
-    model: DiscreteModel, observer: ExtendedKalmanFilter, twin: Twin
+    model: StateSpace, observer: ExtendedKalmanFilter, twin: Twin
 ):
     """A warmer room lets it ask for less; None is a room that nothing measures."""
-    controller = MPC(model, measured=OUTPUTS, limits=(0, 1), observer=observer)
+    controller = design_mpc(model, measured=OUTPUTS, limits=(0, 1), observer=observer)
     loop = LiveLoop(twin, controller, 40.0, duration=60.0)
     readings = np.full(len(twin.channels), 40.0)
     idle, fresh = np.zeros(2), np.zeros(len(readings))
@@ -206,16 +213,16 @@ def test_a_live_loop_hands_a_measured_room_to_the_controller(
     assert np.all(asked[2] < asked[1])
 
 
-def test_a_room_is_measured_only_for_a_controller_that_reads_it(twin: Twin, model: DiscreteModel):
-    mpc = MPC(model, measured=OUTPUTS)
+def test_a_room_is_measured_only_for_a_controller_that_reads_it(twin: Twin, model: StateSpace):
+    mpc = design_mpc(model, measured=OUTPUTS)
     with pytest.raises(ControlError, match=r"room_is_measured: expected a controller that reads"):
         simulate_closed_loop(twin, mpc, 40.0, duration=10, room_is_measured=True)
 
 
 def test_a_controller_with_an_observer_has_no_file_and_no_c(
-    twin: Twin, model: DiscreteModel, observer: ExtendedKalmanFilter, tmp_path
+    twin: Twin, model: StateSpace, observer: ExtendedKalmanFilter, tmp_path
 ):
-    for design in (MPC, LQI):
+    for design in (design_mpc, design_lqi):
         controller = design(model, measured=OUTPUTS, observer=observer)
         assert not controller.is_linear
         with pytest.raises(ControlError, match=r"export_c: model: expected one without"):
@@ -225,17 +232,17 @@ def test_a_controller_with_an_observer_has_no_file_and_no_c(
 
 
 def test_an_observer_of_another_rig_or_beside_a_foreign_model_is_refused(
-    model: DiscreteModel, observer: ExtendedKalmanFilter
+    model: StateSpace, observer: ExtendedKalmanFilter
 ):
     other = live_observer(Twin("tclab"))
     with pytest.raises(ControlError, match=r"MPC: observer: expected one of dual-cell, got one of"):
-        MPC(model, measured=OUTPUTS, observer=other)
+        design_mpc(model, measured=OUTPUTS, observer=other)
     few = eqx.tree_at(lambda k: k.model.columns, observer, np.arange(3))
     with pytest.raises(ControlError, match=r"reads all 15 channels of dual-cell.*reads 3"):
-        MPC(model, measured=OUTPUTS, observer=few)
+        design_mpc(model, measured=OUTPUTS, observer=few)
     unknown = eqx.tree_at(lambda m: m.projection, model, None)
     with pytest.raises(ControlError, match=r"not made by linearize"):
-        MPC(unknown, measured=OUTPUTS, observer=observer)
+        design_mpc(unknown, measured=OUTPUTS, observer=observer)
 
 
 @pytest.mark.slow
@@ -247,7 +254,7 @@ def test_a_moving_horizon_without_bounds_informs_an_mpc_as_the_filter_does():
     runs = [
         simulate_closed_loop(
             twin,
-            MPC(model, measured=[["T1"], ["T2"]], observer=observer),
+            design_mpc(model, measured=[["T1"], ["T2"]], observer=observer),
             [40.0, 35.0],
             duration=200,
         )

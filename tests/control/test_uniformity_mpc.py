@@ -16,14 +16,14 @@ from jaxtwin._quadratic_program import QuadraticProgram, minimised
 from jaxtwin.control import (
     MPC,
     AbstractEvennessCost,
-    DiscreteModel,
     HeatInput,
-    LinearModel,
     OperatingPoint,
     RangeCost,
     SquaresCost,
-    UniformityMPC,
+    StateSpace,
     WorstPointCost,
+    design_mpc,
+    design_uniformity_mpc,
     loop_margins,
     most_even_point,
 )
@@ -37,7 +37,7 @@ DUTY = np.array([0.5, 0.3])
 minimum = jax.jit(minimised)
 
 
-def rod(delay_s: float = 2.0) -> LinearModel:
+def rod(delay_s: float = 2.0) -> StateSpace:
     """Six pieces in a row that warm each other, with a cell below the second and one below the
     fifth; each channel reads two pieces."""
     A = -0.05 * np.eye(ELEMENTS)
@@ -59,7 +59,7 @@ def rod(delay_s: float = 2.0) -> LinearModel:
         channel_names=CHANNELS,
         elements=ELEMENTS,
     )
-    return LinearModel(
+    return StateSpace(
         A,
         B,
         C,
@@ -73,7 +73,7 @@ def rod(delay_s: float = 2.0) -> LinearModel:
 
 
 def designed(cost: Any, **more: Any) -> MPC:
-    return UniformityMPC(rod(), evenness=cost, order=ELEMENTS, sample_time_s=2.0, **more)
+    return design_uniformity_mpc(rod(), evenness=cost, order=ELEMENTS, sample_time_s=2.0, **more)
 
 
 def at_rest(mpc: MPC, reference: float, limits: tuple[float, float]) -> np.ndarray:
@@ -217,7 +217,7 @@ def test_the_rod_is_no_less_even_on_the_way_than_at_rest():
     assert np.ptp(even[-1]) == pytest.approx(rest, abs=0.02)
     assert np.ptp(even, axis=1).max() < 1.03 * rest + 0.1
     assert even[-1].mean() == pytest.approx(30.0, abs=0.02)
-    mean = MPC(rod().discretise(2.0), measured=[CHANNELS], limits=(0, 1))
+    mean = design_mpc(rod().discretise(2.0), measured=[CHANNELS], limits=(0, 1))
     assert np.ptp(followed(mean, 30.0, 120), axis=1).max() > rest + 1.0
 
 
@@ -233,7 +233,7 @@ def test_a_plate_is_as_even_as_its_cells_can_hold_it(twin: Twin, temperature: fl
     """With the noise of the camera and the driver's counts. A step of the references of two halves
     takes the range to 16.5 K on the way to 40 degC."""
     best = most_even_point(twin, temperature, limits=(0, 1))
-    mpc = UniformityMPC(linearize(twin, temperatures=temperature), limits=(0, 1))
+    mpc = design_uniformity_mpc(linearize(twin, temperatures=temperature), limits=(0, 1))
     run = simulate_closed_loop(twin, mpc, temperature, duration=900, seed=1)
     last = run.time > 800
     assert run.range.max() < best.range + 1.2
@@ -245,7 +245,7 @@ def test_a_plate_is_as_even_as_its_cells_can_hold_it(twin: Twin, temperature: fl
 def test_heat_beside_a_channel_is_seen_at_its_elements(twin: Twin):
     """10 W at the corner V11: the mean is held, and the range no larger than the cells can do with
     this heat, by scipy along the duty cycles that hold the mean."""
-    mpc = UniformityMPC(linearize(twin, temperatures=35.0), limits=(0, 1))
+    mpc = design_uniformity_mpc(linearize(twin, temperatures=35.0), limits=(0, 1))
     hand = HeatInput(("V11",), 0.0, 1500.0, 10.0)
     settings: dict[str, Any] = {"duration": 1500, "disturbances": [hand], "noise": False}
     run = simulate_closed_loop(twin, mpc, 35.0, **settings)
@@ -284,7 +284,7 @@ def test_references_of_the_horizon_are_those_of_now_where_they_do_not_change():
 
 
 def test_its_margins_are_not_those_of_a_linear_loop(twin: Twin):
-    mpc = UniformityMPC(linearize(twin, temperatures=40.0), limits=(0, 1))
+    mpc = design_uniformity_mpc(linearize(twin, temperatures=40.0), limits=(0, 1))
     with pytest.raises(ControlError, match="expected one that is linear within its limits"):
         loop_margins(twin, mpc, 40.0)
 
@@ -297,13 +297,13 @@ def test_its_margins_are_not_those_of_a_linear_loop(twin: Twin):
         ({"temperature_limits": {"T99": (0, 40)}}, "temperature_limits: unknown channel 'T99'"),
         ({"temperature_limits": {"a": (40, 30)}}, "a: expected the lowest and the highest"),
         ({"excess_deviation": 0}, "MPC: excess_deviation: expected a finite"),
-        ({"order": 0}, "UniformityMPC: order: expected a whole number"),
+        ({"order": 0}, "design_uniformity_mpc: order: expected a whole"),
         ({"limits": (1, 0)}, "MPC: limits: expected the lowest and the highest duty"),
     ],
 )
 def test_designs_that_make_no_sense_are_refused(arguments: dict[str, Any], message: str):
     with pytest.raises(ControlError, match=message):
-        UniformityMPC(rod(delay_s=4.0), sample_time_s=2.0, **arguments)
+        design_uniformity_mpc(rod(delay_s=4.0), sample_time_s=2.0, **arguments)
 
 
 @pytest.mark.parametrize("cost", [RangeCost, WorstPointCost, SquaresCost])
@@ -339,14 +339,14 @@ def test_a_cost_that_is_not_known_to_be_convex_is_refused():
     ],
 )
 def test_points_of_an_mpc_are_checked(arguments: dict[str, Any], message: str):
-    model: DiscreteModel = rod().discretise(2.0)
+    model: StateSpace = rod().discretise(2.0)
     with pytest.raises(ControlError, match=message):
-        MPC(model, measured=[CHANNELS], **arguments)
+        design_mpc(model, measured=[CHANNELS], **arguments)
 
 
 @pytest.mark.slow
 def test_a_model_without_elements_makes_its_channels_even():
     model = linearize(Twin("tclab"), temperatures=35.0)
-    mpc = UniformityMPC(model, limits=(0, 1))
+    mpc = design_uniformity_mpc(model, limits=(0, 1))
     assert mpc.point_names == model.output_names
     assert isinstance(mpc.init(np.zeros(2), np.full(3, 23.0)), MPCState)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jaxtwin import Twin, export_fmu, linearize
-from jaxtwin.control import MPC, PID, AbstractController, GainScheduled
+from jaxtwin.control import MPC, PID, AbstractController, GainScheduled, design_mpc
 from jaxtwin.errors import ControlError
 
 pytestmark = [pytest.mark.c_compiler, pytest.mark.fmpy, pytest.mark.usefixtures("float64")]
@@ -30,7 +30,7 @@ def pid() -> PID:
 
 def mpc(twin: Twin) -> MPC:
     model = linearize(twin, temperatures=40.0).discretise(2.0)
-    return MPC(model, measured=["T1", "T2"], horizon=4, limits=(0, 1))
+    return design_mpc(model, measured=["T1", "T2"], horizon=4, limits=(0, 1))
 
 
 def drive() -> np.ndarray:

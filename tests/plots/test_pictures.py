@@ -21,7 +21,7 @@ from small_results import analysis, fit, recordings
 
 from jaxtwin import Experiment, plots
 from jaxtwin._number_text import interval_text, short_number
-from jaxtwin.control import LinearModel
+from jaxtwin.control import StateSpace
 from jaxtwin.errors import ControlError, SimulationError
 from jaxtwin.matching import FitDifference, FittedParameters, ParameterDifference
 from jaxtwin.physics import ThermoelectricModule
@@ -403,7 +403,7 @@ def test_labels_keep_their_order_and_distance_and_move_no_more_than_needed(posit
 
 def test_a_bode_diagram_shows_the_mean_of_the_channels_and_their_range():
     """A first order of gain 4 and one of gain 2, behind a delay: 3 between 2 and 4."""
-    model = LinearModel(
+    model = StateSpace(
         np.diag([-0.1, -0.1]), [[0.4], [0.2]], np.eye(2), np.zeros((2, 1)), delay_s=1.0
     )
     frequencies = [0.001, 0.1, 1.0]
@@ -423,7 +423,7 @@ def test_a_bode_diagram_ends_where_the_gain_is_a_thousandth_of_the_largest():
     """A double pole at 0.1 rad/s has 1e-3 of its gain at 0.1 sqrt(999) rad/s; a delay of 2 s turns
     the phase by -6.3 rad there, and without end beyond."""
     block = np.array([[-0.1, 0.0], [0.1, -0.1]])
-    model = LinearModel(block, [[1.0], [0.0]], [[0.0, 1.0]], np.zeros((1, 1)), delay_s=2.0)
+    model = StateSpace(block, [[1.0], [0.0]], [[0.0, 1.0]], np.zeros((1, 1)), delay_s=2.0)
     gain, phase = plots.plot_bode(model).axes
     end = places(gain.lines[0])[-1]
     assert end == pytest.approx(min(10.0, 0.1 * 999**0.5), rel=0.05)
@@ -434,8 +434,8 @@ def test_a_bode_diagram_ends_where_the_gain_is_a_thousandth_of_the_largest():
 
 
 def test_a_bode_diagram_of_models_with_other_inputs_is_refused():
-    single = LinearModel([[-1.0]], [[1.0]], [[1.0]], [[0.0]])
-    double = LinearModel([[-1.0]], [[1.0, 1.0]], [[1.0]], [[0.0, 0.0]])
+    single = StateSpace([[-1.0]], [[1.0]], [[1.0]], [[0.0]])
+    double = StateSpace([[-1.0]], [[1.0, 1.0]], [[1.0]], [[0.0, 0.0]])
     with pytest.raises(ControlError, match="with the same inputs"):
         plots.plot_bode({"one": single, "two": double})
 
@@ -443,7 +443,7 @@ def test_a_bode_diagram_of_models_with_other_inputs_is_refused():
 def test_a_bode_band_goes_over_the_draws():
     """Gains from 1 to 3 about a model of gain 2: nine tenths of them lie between 1.1 and 2.9."""
     gains = np.linspace(1.0, 3.0, 41)
-    model, *draws = (LinearModel([[-0.1]], [[0.1 * g]], [[1.0]], [[0.0]]) for g in (2.0, *gains))
+    model, *draws = (StateSpace([[-0.1]], [[0.1 * g]], [[1.0]], [[0.0]]) for g in (2.0, *gains))
     frequencies = [0.001, 0.1, 1.0]
     gain, phase, ratio = plots.plot_bode_band(model, draws, frequencies).axes
     response = 1 / (10j * np.array(frequencies) + 1)
@@ -455,6 +455,6 @@ def test_a_bode_band_goes_over_the_draws():
 
 
 def test_a_bode_band_of_nothing_is_refused():
-    model = LinearModel([[-1.0]], [[1.0]], [[1.0]], [[0.0]])
+    model = StateSpace([[-1.0]], [[1.0]], [[1.0]], [[0.0]])
     with pytest.raises(ControlError, match="expected models with the inputs"):
         plots.plot_bode_band(model, [])

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from small_results import analysis, correlated_fit, fit, recordings
 
 from jaxtwin import Fit, plots
-from jaxtwin.control import LinearModel
+from jaxtwin.control import StateSpace
 from jaxtwin.matching import FitDifference, ParameterDifference
 
 
@@ -28,8 +28,8 @@ def inches(picture: Figure | Axes) -> tuple[float, float]:
     return round(width, 9), round(height, 9)
 
 
-def model(inputs: int) -> LinearModel:
-    return LinearModel([[-0.1]], [[0.1] * inputs], [[1.0]], [[0.0] * inputs])
+def model(inputs: int) -> StateSpace:
+    return StateSpace([[-0.1]], [[0.1] * inputs], [[1.0]], [[0.0] * inputs])
 
 
 @pytest.mark.parametrize(("inputs", "width"), [(1, 5.4), (2, 9.6)])

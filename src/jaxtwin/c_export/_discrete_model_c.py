@@ -8,11 +8,11 @@ computes the change $(A - I) x + B u$ and adds it: the entries of $A - I$ keep a
 import numpy as np
 from jaxtyping import Float
 
-from ..control import DiscreteModel
+from ..control import StateSpace
 from ._sources import Code, Parts, code_of, comment_block, defines, type_of_numbers
 
 
-def discrete_model_c(model: DiscreteModel, name: str, precision: str, origin: str) -> Code:
+def discrete_model_c(model: StateSpace, name: str, precision: str, origin: str) -> Code:
     """Returns header, source and numbers.
 
     **Raises:** `ControlError` if a number of the model is not finite in this precision.
@@ -35,7 +35,7 @@ def discrete_model_c(model: DiscreteModel, name: str, precision: str, origin: st
     else:
         del tables["D"]
     sizes = {
-        "SAMPLE_TIME_S": float(model.sample_time_s),
+        "SAMPLE_TIME_S": model.sample_time_s,
         "STATES": states,
         "INPUTS": inputs,
         "OUTPUTS": len(C),
@@ -67,13 +67,13 @@ def _moved_commands(A: Float[np.ndarray, "n n"], B: Float[np.ndarray, "n inputs"
     return 0
 
 
-def _about(model: DiscreteModel, name: str, precision: str, origin: str) -> str:
+def _about(model: StateSpace, name: str, precision: str, origin: str) -> str:
     duty = np.asarray(model.operating_point.duty, float)
     readings = np.asarray(model.operating_point.outputs, float)
     return comment_block(
         [
             f"{name}: a linear model of a thermoelectric rig, written by jaxtwin.",
-            f"Coefficients: {origin}" if origin else "Coefficients: a jaxtwin.DiscreteModel",
+            f"Coefficients: {origin}" if origin else "Coefficients: a jaxtwin.control.StateSpace",
             "",
             f"Sample time: {model.sample_time_s!r} s. Numbers: {precision}.",
             "Inputs, duty cycles from -1 to 1, positive heats (at the operating point):",

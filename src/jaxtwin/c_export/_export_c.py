@@ -8,7 +8,7 @@ from typing import Literal, final
 
 from .._arguments import of_kind, path_of
 from .._whole_file import write_whole_file
-from ..control import AbstractController, DiscreteModel, check_at_rest
+from ..control import AbstractController, StateSpace, checked_discrete_model
 from ..errors import ControlError
 from ..observers import ExtendedKalmanFilter
 from ..rig import Rig
@@ -39,7 +39,7 @@ class CSources:
 
 
 def export_c(
-    model: DiscreteModel | Stepper | ExtendedKalmanFilter | AbstractController,
+    model: StateSpace | Stepper | ExtendedKalmanFilter | AbstractController,
     folder: str | os.PathLike[str],
     *,
     rig: Rig | None = None,
@@ -102,7 +102,7 @@ def export_c(
 
     **Arguments:**
 
-    - `model`: a model at sample times, from `LinearModel.discretise` (reduce it first if memory is
+    - `model`: a model at sample times, from `StateSpace.discretise` (reduce it first if memory is
       short), a `Stepper` of a twin, an observer from `live_observer`, whose sample time is that of
       the code, or a controller whose class has a `law`.
     - `rig`: the rig of a controller, which determines its cells and channels. None for a model or a
@@ -139,12 +139,12 @@ def export_c(
             code = observer_c(model, name, precision, origin)
         else:
             expected = (
-                "a Stepper of a twin, jt.Stepper(twin, 1.0), a DiscreteModel, as "
-                "LinearModel.discretise makes it, an observer, or a controller such as a PID"
+                "a Stepper of a twin, jt.Stepper(twin, 1.0), a discrete model, as "
+                "StateSpace.discretise makes it, an observer, or a controller such as a PID"
             )
-            of_kind("export_c: model", model, DiscreteModel, expected, ControlError)
-            check_at_rest("export_c: model", model.offset)
-            code = discrete_model_c(model, name, precision, origin)
+            of_kind("export_c: model", model, StateSpace, expected, ControlError)
+            discrete = checked_discrete_model("export_c: model", model)
+            code = discrete_model_c(discrete, name, precision, origin)
     try:
         target.mkdir(parents=True, exist_ok=True)
     except OSError as problem:

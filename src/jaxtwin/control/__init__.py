@@ -3,7 +3,8 @@ r"""Control: linear models of a twin, controllers, closed loops, and what tunes 
 `linear/` makes linear models of a twin. Near an operating point the temperatures of its nodes $x$,
 the duty $u$ and the readings $y$ follow $\dot x = A x + B u$, $y = C x + D u$. `linearize` takes
 the derivatives of the equations of `physics/_system.py` (`_linearize`), with the driver's delay and
-lag apart (`_linear_model`); `_discrete_model` is $x_{k+1} = A x_k + B u_k$, delay and lag included.
+lag apart (`_state_space`); its `discretise` makes $x_{k+1} = A x_k + B u_k$ of it, delay and lag
+included (`_zero_order_hold`).
 
 `controllers/` is what commands the cells. A controller is a PyTree of parameters with
 `step(state, reference, measurement) -> duty, state` (`_controller`). The equations of a `PID` stand
@@ -28,4 +29,12 @@ A room imports only those before it.
 
 from .._faces import attach
 
-__getattr__, __dir__, __all__ = attach(__name__, __file__)
+__getattr__, __dir__, __all__ = attach(
+    __name__,
+    __file__,
+    {
+        "DiscreteModel": "StateSpace",
+        "LinearModel": "StateSpace",
+        "UniformityMPC": "design_uniformity_mpc",
+    },
+)

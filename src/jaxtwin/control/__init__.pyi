@@ -21,28 +21,32 @@ from .controllers._function_controller import FunctionController as FunctionCont
 from .controllers._gain_scheduled import GainScheduled as GainScheduled  # over operating points
 from .controllers._kalman import KalmanFilter as KalmanFilter  # with the disturbance
 from .controllers._lqi import LQI as LQI  # state feedback with integral action
+from .controllers._lqi import design_lqi as design_lqi  # linear model -> LQI
 from .controllers._mpc import MPC as MPC  # hard limits of duty and rate
+from .controllers._mpc import design_mpc as design_mpc  # linear model -> MPC
 from .controllers._mpc_programs import AbstractEvennessCost as AbstractEvennessCost
 from .controllers._mpc_programs import RangeCost as RangeCost  # hottest less coldest
 from .controllers._mpc_programs import SquaresCost as SquaresCost  # of all deviations
 from .controllers._mpc_programs import WorstPointCost as WorstPointCost  # minimax
 from .controllers._nonlinear_mpc import NonlinearMPC as NonlinearMPC  # the twin is its model
+from .controllers._nonlinear_mpc import design_nonlinear_mpc as design_nonlinear_mpc  # twin -> it
 from .controllers._pid import PID as PID
 from .controllers._relay import Relay as Relay  # an oscillation at the critical frequency
 from .controllers._time_proportional import (
     TimeProportional as TimeProportional,  # heaters that relays switch
 )
-from .controllers._uniformity_mpc import UniformityMPC as UniformityMPC  # the most even plate
-from .linear._discrete_model import DiscreteModel as DiscreteModel  # a linear model step by step
+from .controllers._uniformity_mpc import (
+    design_uniformity_mpc as design_uniformity_mpc,  # an MPC of the most even plate
+)
 from .linear._frequency_response import Directions as Directions  # mean and uniformity
-from .linear._linear_model import LinearModel as LinearModel  # a twin near an operating point
-from .linear._linearize import linearize as linearize  # twin or fit -> LinearModel
+from .linear._linearize import linearize as linearize  # twin or fit -> StateSpace
 from .linear._margins import DiskMargin as DiskMargin  # of gain and phase together
 from .linear._margins import Margins as Margins  # gm, pm, wcg, wcp
 from .linear._margins import disk_margin as disk_margin  # of a loop with one channel or several
 from .linear._margins import margins as margins  # of a loop with a single channel
 from .linear._margins import sensitivity_peak as sensitivity_peak  # by how much a loop makes worse
 from .linear._operating_point import OperatingPoint as OperatingPoint  # a steady state
+from .linear._state_space import StateSpace as StateSpace  # a linear model near such a point
 from .loops._closed_loop import closed_loop as closed_loop  # a closed loop as a pure JAX function
 from .loops._closed_loop_run import ClosedLoopRun as ClosedLoopRun  # the result, with labels
 from .loops._control import Decision as Decision  # a sample of a controller on a live rig
@@ -85,8 +89,8 @@ from .controllers._controller_file import controller_of_text as controller_of_te
 from .controllers._duty_limits import bounds_of as bounds_of
 from .controllers._duty_limits import check_limits_of_heaters as check_limits_of_heaters
 from .controllers._duty_limits import limits_text as limits_text
-from .linear._discrete_model import check_at_rest as check_at_rest
 from .linear._margins import USUAL_PEAK as USUAL_PEAK
+from .linear._state_space import checked_discrete_model as checked_discrete_model
 from .loops._disturbances import Disturbance as Disturbance
 from .loops._loop_checks import OutOfReachError as OutOfReachError
 from .loops._loop_margins import sampled_loops as sampled_loops

@@ -346,7 +346,7 @@ class MovingHorizonEstimator(AbstractObserver[MovingHorizonState]):
 
     ```python
     observer = MovingHorizonEstimator(live_observer(twin), 20, StateBounds(heat=(0, None)))
-    MPC(model, observer=observer)
+    design_mpc(model, observer=observer)
     ```
 
     It pays where one knows what cannot be: heat that nothing takes away, a room within a house, a

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.ticker import MultipleLocator
 
-from ..control import LinearModel, LoopMargins
+from ..control import LoopMargins, StateSpace
 from ..errors import ControlError
 from ._layers import draw_band
 from ._panels import legend_of_all, panels
@@ -22,7 +22,7 @@ MIN_GAIN = 1e-3
 
 @styled
 def plot_bode(
-    models: LinearModel | Mapping[str, LinearModel], omega: Sequence[float] | None = None
+    models: StateSpace | Mapping[str, StateSpace], omega: Sequence[float] | None = None
 ) -> Figure:
     """Plots gain and phase over frequency, a column for each cell.
 
@@ -42,7 +42,7 @@ def plot_bode(
 
     **Raises:** `ControlError` if there is no model, or the models have different inputs.
     """
-    named = {"": models} if isinstance(models, LinearModel) else dict(models)
+    named = {"": models} if isinstance(models, StateSpace) else dict(models)
     if not named or len({model.input_names for model in named.values()}) != 1:
         inputs = sorted({", ".join(model.input_names) for model in named.values()})
         raise ControlError(
@@ -74,7 +74,7 @@ def plot_bode(
     return figure
 
 
-def bode_frequencies(model: LinearModel) -> np.ndarray:
+def bode_frequencies(model: StateSpace) -> np.ndarray:
     """The frequencies from a tenth of the slowest pole to ten times the lag, rad/s, or to where the
     gain of all inputs has fallen to `MIN_GAIN`."""
     slowest = 1 / float(model.time_constants_s[0])
@@ -92,7 +92,7 @@ SHARES = (0.05, 0.95)
 
 @styled
 def plot_bode_band(
-    model: LinearModel, draws: Sequence[LinearModel], omega: Sequence[float] | None = None
+    model: StateSpace, draws: Sequence[StateSpace], omega: Sequence[float] | None = None
 ) -> Figure:
     """Plots gain and phase from the duty of each cell to the mean of all channels, with bands.
 
@@ -155,7 +155,7 @@ def _bode_panels(
 
 
 def _of_mean(
-    model: LinearModel, omega: Float[np.ndarray, " frequency"]
+    model: StateSpace, omega: Float[np.ndarray, " frequency"]
 ) -> Complex[np.ndarray, "frequency inputs"]:
     return np.asarray(model.frequency_response(omega)).mean(axis=1)
 

@@ -2,9 +2,12 @@
 may have a form in C."""
 
 import dataclasses
+import functools
 import re
+import sys
+import warnings
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, TypeAlias, TypeVar
 
@@ -375,6 +378,34 @@ class AbstractController(eqx.Module):
           those of this and of the next samples.
         - `measurement`: the readings at this sample, degC: the outputs, and what it watches.
         """
+
+
+def took_design_arguments(design: str) -> Callable[[type[Controller]], type[Controller]]:
+    """Lets the constructor of a class take the arguments of its design, as it did up to version
+    0.2, with a warning. It goes with the next version.
+
+    **Arguments:**
+
+    - `design`: the name of the function of the design, in the module of the class.
+    """
+
+    def decorate(controller: type[Controller]) -> type[Controller]:
+        store = controller.__init__
+
+        @functools.wraps(store)
+        def init(self: Controller, *given: Any, **named: Any) -> None:
+            if given or ("model" in named and "kalman" not in named):
+                name = controller.__name__
+                warnings.warn(f"{name}(...) is now {design}(...)", DeprecationWarning, stacklevel=3)
+                designed = getattr(sys.modules[controller.__module__], design)(*given, **named)
+                fields = dataclasses.fields(designed)
+                named = {field.name: getattr(designed, field.name) for field in fields}
+            store(self, **named)
+
+        controller.__init__ = init
+        return controller
+
+    return decorate
 
 
 class AbstractChannelGroupController(AbstractController):

@@ -30,7 +30,7 @@ from ...rig import Rig
 from ._controller import AbstractChannelGroupController, AbstractController, DutyLimits
 from ._controller_fields import OWN, REQUIRED_OWN, ControllerField, FileContents
 from ._decoupled_pi import DecoupledPI
-from ._file_model import as_celsius, temperatures_of
+from ._model_file import as_celsius, temperatures_of
 from ._pid import PID
 
 Schedulable: TypeAlias = PID | DecoupledPI

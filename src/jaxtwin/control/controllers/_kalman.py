@@ -16,6 +16,7 @@ disturbance models without offset).
 """
 
 from abc import abstractmethod
+from dataclasses import replace
 from typing import NamedTuple, final
 
 import equinox as eqx
@@ -27,9 +28,10 @@ from jaxtyping import Array, Float, PyTree
 from ..._arguments import of_kind
 from ...errors import ControlError
 from ...observers import ExtendedKalmanFilter, MovingHorizonEstimator, MovingHorizonState
-from ..linear._riccati import filter_gain
+from ..linear._operating_point import OperatingPoint
+from ..linear._riccati import MAX_STABLE_POLE, filter_gain
+from ..linear._state_space import StateSpace
 from ._controller import LawTable
-from ._plant import DesignPlant, Temperatures, checked_plant
 
 
 class AbstractEstimator(eqx.Module):
@@ -67,6 +69,7 @@ class KalmanFilter(AbstractEstimator):
     - `L`: the filter gain.
     - `by_duty`, `by_reading`: the states at rest per unit of duty, and what 1 K of a reading that
       the duty does not explain adds to them.
+    - `disturbed`: the duty like which a disturbance of 1 K acts.
     """
 
     A: Float[Array | np.ndarray, "state state"]
@@ -75,6 +78,7 @@ class KalmanFilter(AbstractEstimator):
     L: Float[Array | np.ndarray, "state output"]
     by_duty: Float[Array | np.ndarray, "state cell"]
     by_reading: Float[Array | np.ndarray, "state output"]
+    disturbed: Float[Array | np.ndarray, "cell disturbance"]
 
     def init(
         self, duty: Float[Array, " cell"], readings: Float[Array, " output"]
@@ -118,7 +122,7 @@ def error_gain(drift: float, reading_noise: float, sample_time_s: float) -> floa
     return float(predicted / (predicted + r))
 
 
-def kalman_tables(kalman: KalmanFilter, duty: object, outputs: object) -> dict[str, LawTable]:
+def kalman_tables(kalman: KalmanFilter, point: OperatingPoint) -> dict[str, LawTable]:
     """The numbers of a filter and of its operating point for C. The change of the states in a
     sample, $(A - I) x$, is computed and added there, because slow poles lie near 1."""
     tables = {
@@ -128,65 +132,79 @@ def kalman_tables(kalman: KalmanFilter, duty: object, outputs: object) -> dict[s
         "L": (kalman.L, "of its correction by a reading"),
         "by_duty": (kalman.by_duty, "states at rest by the duty"),
         "by_rest": (kalman.by_reading, "and by a reading, 1/K"),
-        "duty": (duty, "operating point, -1 to 1"),
-        "at": (outputs, "operating point, degC"),
+        "duty": (point.duty, "operating point, -1 to 1"),
+        "at": (point.outputs, "operating point, degC"),
     }
     return {name: (np.asarray(values, float), text) for name, (values, text) in tables.items()}
 
 
-def plant_of_filter(
-    where: str,
-    kalman: KalmanFilter,
-    point: tuple[Float[np.ndarray, " cell"], Float[np.ndarray, " output"]],
-    watched: Temperatures,
-    sample_time_s: float,
-    rig: str,
-) -> DesignPlant:
-    """Makes the plant that a filter of outputs was designed for.
+def disturbance_duty(
+    gain: Float[np.ndarray, "reading cell"],
+) -> Float[np.ndarray, "cell disturbance"]:
+    """The duty like which disturbances act, at most one for each cell: each moves one reading at
+    rest by 1 K; of more readings than cells, all of them by 1 K in the mean square, in the
+    directions that the cells reach.
 
     **Arguments:**
 
-    - `point`: duty and outputs of the operating point.
+    - `gain`: the DC gain of the readings, K per unit of duty.
     """
-    A, B, C = (np.asarray(matrix, float) for matrix in (kalman.A, kalman.B, kalman.C))
-    states = len(A) - min(B.shape[1], len(C))
-    matrices = A[:states, :states], B[:states], C[:, :states]
-    none = Temperatures(np.zeros((0, states)), np.zeros(0))
-    plant = checked_plant(where, matrices, point, watched, none, sample_time_s)
-    return plant._replace(rig=rig)
+    readings, cells = gain.shape
+    if readings <= cells:
+        return np.linalg.pinv(gain)
+    _, values, directions = np.linalg.svd(gain, full_matrices=False)
+    return directions.T / values * np.sqrt(readings)
 
 
 def kalman_filter(
     where: str,
-    plant: DesignPlant,
+    read: StateSpace,
     drift: Float[np.ndarray, " disturbance"],
     reading_noise: Float[np.ndarray, " reading"],
-    sample_time_s: float,
 ) -> KalmanFilter:
-    """Designs the filter.
+    """Designs the filter of a discrete model.
 
     **Arguments:**
 
+    - `read`: the model; its outputs are the readings.
     - `drift`: the drift of the disturbances, K at rest per square root of a second.
     - `reading_noise`: the standard deviation of each reading, K.
 
     **Raises:** `ControlError` if no such filter exists.
     """
-    states, (cells, unknown) = len(plant.A), plant.disturbed.shape
-    unit, zero = np.eye(unknown), np.zeros((unknown, states))
-    A = np.block([[plant.A, plant.B @ plant.disturbed], [zero, unit]])
-    C = np.hstack([plant.read, np.zeros((len(plant.read), unknown))])
-    process = np.zeros((states + unknown, states + unknown))
-    process[states:, states:] = np.diag(drift**2 * sample_time_s)
-    by_disturbance = np.vstack([plant.rest_states @ plant.disturbed, unit])
+    assert read.sample_time_s is not None
+    estimated, readings = len(read.A) + min(np.shape(read.D)), len(read.C)
+    kalman = filter_with_gain(read, np.zeros((estimated, readings)))
+    A, C = np.asarray(kalman.A), np.asarray(kalman.C)
+    process, states = np.zeros_like(A), len(read.A)
+    process[states:, states:] = np.diag(drift**2 * read.sample_time_s)
+    return replace(kalman, L=filter_gain(where, A, C, process, np.diag(reading_noise**2)))
+
+
+def filter_with_gain(read: StateSpace, L: Float[np.ndarray, "estimated reading"]) -> KalmanFilter:
+    """The filter of a discrete model with a given gain."""
+    disturbed, states = disturbance_duty(np.asarray(read.dcgain)), len(read.A)
+    cells, unknown = disturbed.shape
+    unit, no_duty = np.eye(unknown), np.zeros((unknown, cells))
+    A = np.block([[read.A, read.B @ disturbed], [np.zeros((unknown, states)), unit]])
+    C = np.hstack([read.C, np.zeros((len(read.C), unknown))])
+    by_disturbance = np.vstack([read.steady_states @ disturbed, unit])
     return KalmanFilter(
         A=A,
-        B=np.vstack([plant.B, np.zeros((unknown, cells))]),
+        B=np.vstack([read.B, no_duty]),
         C=C,
-        L=filter_gain(where, A, C, process, np.diag(reading_noise**2)),
-        by_duty=np.vstack([plant.rest_states, np.zeros((unknown, cells))]),
+        L=L,
+        by_duty=np.vstack([read.steady_states, no_duty]),
         by_reading=by_disturbance @ np.linalg.pinv(C @ by_disturbance),
+        disturbed=disturbed,
     )
+
+
+def is_stable(kalman: KalmanFilter) -> bool:
+    """Whether the error of the filter goes to 0."""
+    A, L, C = (np.asarray(part) for part in (kalman.A, kalman.L, kalman.C))
+    poles = np.linalg.eigvals(A @ (np.eye(len(A)) - L @ C))
+    return bool(np.abs(poles).max() < MAX_STABLE_POLE)
 
 
 # What an observer of a nonlinear twin knows, for the Kalman filter of a linear plant.
@@ -229,55 +247,29 @@ class TwinEstimator(AbstractEstimator):
     twin what the plant lacks. Its readings are those of the filter, and all channels and the room,
     degC; NaN for a room that is not measured.
 
-    **Arguments:**
-
-    - `observer`: the observer, from `jaxtwin.observers.live_observer`, or a moving-horizon
-      estimator with it.
-    - `plant`: the plant of the controller. `kalman`: its Kalman filter.
-
-    **Raises:** `ControlError` if the plant does not know the nodes of its rig, or the observer is
-    none, is of another rig or does not read all channels.
+    - `duty`, `nodes`: the operating point, with the temperatures of the nodes, degC.
+    - `projection`: the first states of the plant by the temperatures of the nodes.
+    - `to_disturbance`: what a change of the first states in a sample means for the outputs at rest.
+    - `parts`: the number of steps of the observer in a sample.
     """
 
     observer: TwinObserver
     kalman: KalmanFilter
     duty: Float[Array | np.ndarray, " cell"]
-    projection: Float[Array | np.ndarray, "first node"]
     nodes: Float[Array | np.ndarray, " node"]
-    """The temperatures at the operating point, degC."""
+    projection: Float[Array | np.ndarray, "first node"]
     to_disturbance: Float[Array | np.ndarray, "disturbance first"]
-    disturbed: Float[Array | np.ndarray, "cell disturbance"]
     sample_time_s: float = eqx.field(static=True)
     parts: int = eqx.field(static=True)
-    """The number of steps of the observer in a sample."""
-
-    def __init__(
-        self, where: str, observer: TwinObserver, plant: DesignPlant, kalman: KalmanFilter
-    ):
-        expected = "an observer of the rig, such as jaxtwin.observers.live_observer(twin)"
-        kinds = ExtendedKalmanFilter, MovingHorizonEstimator
-        of_kind(f"{where}: observer", observer, kinds, expected, ControlError)
-        check_observer(where, observer, plant.rig)
-        if plant.projection is None:
-            raise ControlError(
-                f"{where}: observer: expected none beside a model that was not made by linearize, "
-                "because nothing says how its states follow from the temperatures of the rig"
-            )
-        self.observer, self.kalman = observer, kalman
-        self.duty, self.disturbed = plant.duty, plant.disturbed
-        self.projection, self.nodes = plant.projection
-        at_rest = plant.read @ np.linalg.inv(np.eye(len(plant.A)) - plant.A)
-        explained = np.linalg.pinv(plant.read @ plant.rest_states @ plant.disturbed)
-        self.to_disturbance = explained @ at_rest[:, : len(self.projection)]
-        self.sample_time_s = plant.sample_time_s
-        self.parts = max(1, int(np.ceil(plant.sample_time_s / observer.longest_seconds - 1e-9)))
 
     def init(self, duty: Float[Array, " cell"], readings: Float[Array, " reading"]) -> TwinEstimate:
         """The estimate with the plant at rest under the duty."""
         read, channels, _ = self._parts(readings)
         twin = self.observer.init(jnp.mean(channels), duty + self.duty)
         plant = self.kalman.init(duty, read)
-        return TwinEstimate(twin, plant, duty, jnp.zeros(self.disturbed.shape[1], plant.dtype))
+        return TwinEstimate(
+            twin, plant, duty, jnp.zeros(self.kalman.disturbed.shape[1], plant.dtype)
+        )
 
     def update(self, estimate: TwinEstimate, readings: Float[Array, " reading"]) -> TwinEstimate:
         """The estimate that the readings leave."""
@@ -303,7 +295,7 @@ class TwinEstimator(AbstractEstimator):
     def predict(self, estimate: TwinEstimate, duty: Float[Array, " cell"]) -> TwinEstimate:
         """The estimate of the next sample."""
         twin = self.observer.predict(estimate.twin, duty + self.duty, jnp.nan, self.sample_time_s)
-        known = jnp.asarray(self.disturbed) @ estimate.known
+        known = jnp.asarray(self.kalman.disturbed) @ estimate.known
         plant = self.kalman.predict(estimate.plant, duty + known)
         return estimate._replace(twin=twin, plant=plant, duty=duty)
 
@@ -328,6 +320,53 @@ class TwinEstimator(AbstractEstimator):
             lambda _, s: self.observer.predict_mean(s, command, step),
             self.observer.with_room_temperature(twin, room),
         )
+
+
+def twin_estimator(
+    where: str,
+    observer: TwinObserver | None,
+    model: StateSpace,
+    read: StateSpace,
+    kalman: KalmanFilter,
+) -> TwinEstimator | None:
+    """The estimator of a controller with an observer of the twin; None without one.
+
+    **Arguments:**
+
+    - `observer`: the observer, from `jaxtwin.observers.live_observer`, or a moving-horizon
+      estimator with it.
+    - `model`: the model for which the controller is designed. `read`: the same with what the filter
+      reads as its outputs. `kalman`: that filter.
+
+    **Raises:** `ControlError` if the model does not know the nodes of its rig, or the observer is
+    none, is of another rig or does not read all channels.
+    """
+    if observer is None:
+        return None
+    expected = "an observer of the rig, such as jaxtwin.observers.live_observer(twin)"
+    kinds = ExtendedKalmanFilter, MovingHorizonEstimator
+    of_kind(f"{where}: observer", observer, kinds, expected, ControlError)
+    point = model.operating_point
+    check_observer(where, observer, point.rig)
+    if model.projection is None:
+        raise ControlError(
+            f"{where}: observer: expected none beside a model that was not made by linearize, "
+            "because nothing says how its states follow from the temperatures of the rig"
+        )
+    assert read.sample_time_s is not None
+    projection = np.asarray(model.projection)
+    at_rest = read.C @ np.linalg.inv(np.eye(len(read.A)) - read.A)
+    explained = np.linalg.pinv(read.dcgain @ kalman.disturbed)
+    return TwinEstimator(
+        observer,
+        kalman,
+        duty=np.asarray(read.operating_point.duty),
+        nodes=np.asarray(point.nodes),
+        projection=projection,
+        to_disturbance=explained @ at_rest[:, : len(projection)],
+        sample_time_s=read.sample_time_s,
+        parts=max(1, int(np.ceil(read.sample_time_s / observer.longest_seconds - 1e-9))),
+    )
 
 
 def check_observer(where: str, observer: TwinObserver, rig: str) -> None:

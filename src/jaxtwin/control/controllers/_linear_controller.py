@@ -95,19 +95,13 @@ def design_summary(controller: AbstractController) -> tuple[str, bool] | None:
         return None
     at_watched = controller.watched.at if isinstance(controller, MPC) else np.zeros(0)
     at = SteadyReadings(np.asarray(controller.outputs), np.asarray(at_watched))
-    kalman, duty = controller.kalman, clip_away_from_limits(controller.duty, controller.limits)
-    states = len(kalman.A) - min(kalman.B.shape[1], len(kalman.C))
-    A, B, C = (
-        np.asarray(part, float)
-        for part in (kalman.A[:states, :states], kalman.B[:states], kalman.C[:, :states])
-    )
-    plant = A, B, C, np.zeros((len(C), B.shape[1]))
+    duty = clip_away_from_limits(controller.duty, controller.limits)
     with own_settings():
         result: Any = jax.tree.map(np.asarray, linear_steps(controller, duty, at))
 
     def loop(omega: Float[np.ndarray, " frequency"]) -> Complex[np.ndarray, "frequency n n"]:
         z = np.exp(1j * omega * controller.sample_time_s)
-        return -response(plant, z) @ response(result, z)
+        return -np.asarray(controller.model.frequency_response(omega)) @ response(result, z)
 
     omega = frequencies(controller.sample_time_s)
     peak, at_omega = sensitivity_peak(loop, omega=omega)

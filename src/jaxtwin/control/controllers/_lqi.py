@@ -20,8 +20,8 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
 from ...rig import Kind, Rig
-from ..linear._discrete_model import DiscreteModel
 from ..linear._riccati import regulator
+from ..linear._state_space import StateSpace, checked_discrete_model
 from ._controller import (
     AbstractController,
     DutyLimits,
@@ -34,7 +34,7 @@ from ._controller import (
     checked_measured,
     of_cells,
     parameter_text,
-    with_values,
+    took_design_arguments,
 )
 from ._controller_fields import (
     REQUIRED_OWN,
@@ -44,19 +44,8 @@ from ._controller_fields import (
     check_cells_of_fields,
     matrix,
 )
+from ._design_model import check_designed_for, check_plant, outputs_of
 from ._duty_limits import AbstractDutyLimitedController, GivenLimits, checked_limits
-from ._file_model import (
-    MODEL_FIELDS,
-    PER_KELVIN,
-    PLAIN,
-    check_stable,
-    designed,
-    model_lines,
-    model_settings,
-    point_lines,
-    read_model,
-    read_table,
-)
 from ._kalman import (
     AbstractEstimator,
     KalmanFilter,
@@ -64,11 +53,23 @@ from ._kalman import (
     TwinObserver,
     kalman_filter,
     kalman_tables,
-    plant_of_filter,
     refuse_observed,
+    twin_estimator,
+)
+from ._model_file import (
+    MODEL_FIELDS,
+    PER_KELVIN,
+    PLAIN,
+    check_numbers,
+    check_stable,
+    field_settings,
+    model_lines,
+    point_lines,
+    read_filter,
+    read_model,
+    read_table,
 )
 from ._pid import WEIGHT, Parameter, as_parameter
-from ._plant import DesignPlant, Temperatures, check_designed_for, plant_of
 
 # The gains of an LQI in its file.
 GAINS = {
@@ -99,38 +100,22 @@ class LQIState(NamedTuple):
 
 
 @final
+@took_design_arguments("design_lqi")
 class LQI(AbstractDutyLimitedController):
-    """State feedback with integral action and a Kalman filter, designed on a linear model.
+    """State feedback with integral action and a Kalman filter, made by `design_lqi`.
 
-    ```python
-    model = jt.linearize(twin, temperatures={"TAM": 40.0, "TCM": 40.0}).reduce(4).discretise(1.0)
-    lqi = LQI(model, measured=["TAM", "TCM"], limits=(0, 1))
-    ```
+    **Arguments:**
 
-    The gains are computed once, by the constructor. They are parameters like those of a `PID`: they
-    can be differentiated and drawn. The sample time is that of the model.
+    - `Kx`, `Ki`, `Kt`, `N`: the gains. They are parameters like those of a `PID`: they can be
+      differentiated and drawn.
+    - `setpoint_weight`, `limits`, `measured`: as in `design_lqi`.
+    - `model`: the model of the outputs on which it was designed.
+    - `kalman`: its filter. `observed`: the filter with what an observer knows, if there is one.
+    - `weights`: those of its design; None for gains of a file.
+    - `has_own_limits`: whether the limits hold on every rig.
+    - `sample_time_s`: that of the model, s. `designed_for`: its rig; empty for that of no rig file.
 
-    **Arguments:** deviations and noises are single numbers, or one for each output or cell.
-
-    - `model`: a model of the rig near its operating point, from `discretise`; delay and lag are
-      states. (A controller file has a `DesignPlant`, the model of the outputs alone.)
-    - `measured`: the outputs, at most as many as cells, each a channel or a group of channels that
-      is averaged; None for the mean over all channels.
-    - `output_deviation`, K, `integral_deviation`, K s, `duty_deviation`: the accepted deviation of
-      each. A smaller value keeps that quantity smaller; a smaller integral deviation shortens
-      errors.
-    - `drift`: the rate at which unknown heat moves the outputs at rest, K per square root of a
-      second.
-    - `reading_noise`: the standard deviation of a reading of each output, K. The ratio of drift and
-      reading noise determines how much the filter trusts the model.
-    - `setpoint_weight`: b, the part of the duty for a new reference that is applied at once. With 0
-      the integral provides all of it, which overshoots least.
-    - `observer`: an observer of the twin, as in `MPC`.
-    - `limits`: limits of the duty, as in `PID`. At a limit the integral is set back by
-      back-calculation, and the filter uses the duty that the cells get.
-
-    **Raises:** `ControlError` if the model is not a discrete model or has no stable design, a
-    deviation or a noise is not a finite positive number, or the limits are not within -1 to 1.
+    **Raises:** `ControlError` if the set-point weight is not a finite number of at least 0.
     """
 
     kind: ClassVar[str] = "lqi"
@@ -144,71 +129,26 @@ class LQI(AbstractDutyLimitedController):
     Ki: Parameter
     Kt: Parameter
     N: Parameter
-    setpoint_weight: Parameter
+    setpoint_weight: Parameter = eqx.field(converter=as_parameter)
+    model: StateSpace
     kalman: KalmanFilter
     observed: TwinEstimator | None
-    """The filter with what an observer knows, if there is one."""
     weights: LQIWeights | None
-    """Those of its design; None for gains of a file."""
-    duty: Float[Array | np.ndarray, " cells"]
-    outputs: Float[Array | np.ndarray, " outputs"]
     limits: DutyLimits = eqx.field(static=True)
     has_own_limits: bool = eqx.field(static=True, repr=False)
     sample_time_s: float = eqx.field(static=True)
-    measured: tuple[tuple[str, ...], ...] | None = eqx.field(static=True)
     designed_for: str = eqx.field(static=True, repr=False)
-    """The rig of the model; empty for that of no rig file."""
+    measured: tuple[tuple[str, ...], ...] | None = eqx.field(static=True)
 
-    def __init__(
-        self,
-        model: DiscreteModel | DesignPlant,
-        *,
-        measured: Sequence[str | Sequence[str]] | None = None,
-        output_deviation: Numbers = 1.0,
-        integral_deviation: Numbers = 30.0,
-        duty_deviation: Numbers = 0.5,
-        drift: Numbers = 0.1,
-        reading_noise: Numbers = 1.0,
-        setpoint_weight: Numbers = 0.0,
-        limits: GivenLimits | None = None,
-        observer: TwinObserver | None = None,
-    ):
-        self.limits = checked_limits("LQI", limits)
-        self.has_own_limits = limits is not None
-        self.measured = checked_measured("LQI", measured)
-        self.check_parameters(setpoint_weight=setpoint_weight)
-        self.setpoint_weight = as_parameter(setpoint_weight)
-        plant = plant_of("LQI", model, self.measured)
-        self.sample_time_s = h = plant.sample_time_s
-        (states, cells), outputs = plant.B.shape, len(plant.C)
-        y, q, u, w, v = (
-            checked_deviations("LQI", name, value, size)
-            for name, value, size in (
-                ("output_deviation", output_deviation, outputs),
-                ("integral_deviation", integral_deviation, outputs),
-                ("duty_deviation", duty_deviation, cells),
-                ("drift", drift, outputs),
-                ("reading_noise", reading_noise, outputs),
-            )
-        )
-        self.weights = LQIWeights(y, q, u, w, v)
-        A = np.block(
-            [[plant.A, np.zeros((states, outputs))], [-h * plant.C, np.eye(outputs)]],
-        )
-        B = np.vstack([plant.B, np.zeros((outputs, cells))])
-        Q = np.zeros_like(A)
-        Q[:states, :states] = plant.C.T @ np.diag(y**-2.0) @ plant.C
-        Q[states:, states:] = np.diag(q**-2.0)
-        K, _ = regulator("LQI", A, B, Q, np.diag(u**-2.0))
-        self.Kx, self.Ki = K[:, :states], -K[:, states:]
-        self.Kt = np.linalg.pinv(self.Ki)
-        self.N = (np.eye(cells) + self.Kx @ plant.rest_states) @ plant.inverse
-        self.kalman = kalman_filter("LQI", plant, w, v, h)
-        self.observed = None
-        if observer is not None:
-            self.observed = TwinEstimator("LQI", observer, plant, self.kalman)
-        self.duty, self.outputs = plant.duty, plant.outputs
-        self.designed_for = plant.rig
+    @property
+    def duty(self) -> Float[Array | np.ndarray, " cells"]:
+        """The duty at the operating point."""
+        return self.model.operating_point.duty
+
+    @property
+    def outputs(self) -> Float[Array | np.ndarray, " outputs"]:
+        """The outputs at the operating point, degC."""
+        return self.model.operating_point.outputs
 
     def for_rig(self, rig: Rig) -> AbstractDutyLimitedController:
         """Returns the controller with the limits of a rig.
@@ -226,18 +166,13 @@ class LQI(AbstractDutyLimitedController):
 
     def redesigned(self, weights: Mapping[str, Numbers]) -> AbstractController:
         """Returns the controller that the same model gives with other deviations and noises."""
-        point = np.asarray(self.duty, float), np.asarray(self.outputs, float)
-        states = len(self.kalman.A) - min(self.kalman.B.shape[1], len(self.kalman.C))
-        none = Temperatures(np.zeros((0, states)), np.zeros(0))
-        plant = plant_of_filter(
-            "LQI", self.kalman, point, none, self.sample_time_s, self.designed_for
-        )
-        return LQI(
-            plant,
-            measured=self.measured,
+        return _design(
+            self.model,
+            {**self.design_weights(), **weights},
             setpoint_weight=self.setpoint_weight,
             limits=self.limits,
-            **{**self.design_weights(), **weights},
+            has_own_limits=True,
+            measured=self.measured,
         )
 
     @classmethod
@@ -269,21 +204,31 @@ class LQI(AbstractDutyLimitedController):
     @classmethod
     def from_file(cls, contents: FileContents) -> AbstractController:
         """Makes a controller from its file: the model, the filter and the gains."""
-        model, cells = read_model(contents, cls.kind), len(contents.rig.driven)
-        settings = model_settings(cls, contents)
+        plant, refuse = read_model(contents, cls.kind), contents.refuse
+        settings = field_settings(cls, contents)
         check_cells_of_fields(cls, cls.fields, settings, contents)
-        states, outputs = len(model.plant.A), len(model.plant.C)
-        result = read_table(contents.data["gains"], "gains", contents.refuse, GAINS)
+        kalman, time = read_filter(contents, plant, plant), contents.common["sample_time_s"]
+        (states, cells), outputs = plant.B.shape, len(plant.C)
+        table = read_table(contents.data["gains"], "gains", refuse, GAINS)
         shapes = ((cells, states), (cells, outputs), (outputs, cells), (cells, outputs))
         gains = {
-            name: matrix(result[name], f"gains.{name}", unit, shape, contents.refuse)
+            name: matrix(table[name], f"gains.{name}", unit, shape, refuse)
             for (name, unit), shape in zip(GAINS.items(), shapes, strict=True)
         }
-        lqi = with_values(designed(cls, model, settings, contents.refuse), gains)
-        lqi = eqx.tree_at(lambda lqi: lqi.weights, lqi, None)
-        loop = lqi._loop_of(model.plant)
-        expected = "gains with which the loop on the model is stable"
-        check_stable(loop, "gains", expected, contents.refuse)
+        feedback, integral = plant.A - plant.B @ gains["Kx"], plant.B @ gains["Ki"]
+        loop = np.block([[feedback, integral], [-time * plant.C, np.eye(outputs)]])
+        check_stable(loop, "gains", "gains with which the loop on the model is stable", refuse)
+        lqi = cls(
+            **gains,
+            **settings,
+            model=plant,
+            kalman=kalman,
+            observed=None,
+            weights=None,
+            sample_time_s=time,
+            designed_for=contents.rig.name,
+        )
+        check_numbers(lqi, refuse)
         return lqi
 
     def file_lines(self) -> list[str]:
@@ -291,21 +236,11 @@ class LQI(AbstractDutyLimitedController):
         refuse_observed("save_controller: controller", self.observed)
         gains = [f"{name} = {as_matrix(getattr(self, name), unit)}" for name, unit in GAINS.items()]
         return [
-            *point_lines(self.duty, self.outputs),
+            *point_lines(self.model.operating_point),
             *super().file_lines(),
             *("", "[gains]", *gains),
-            *model_lines(self.kalman),
+            *model_lines(self.model, self.kalman),
         ]
-
-    def _loop_of(self, plant: DesignPlant) -> Float[np.ndarray, "n n"]:
-        """The transition of the states and the integrals in the loop without a filter."""
-        Kx, Ki = np.asarray(self.Kx), np.asarray(self.Ki)
-        return np.block(
-            [
-                [plant.A - plant.B @ Kx, plant.B @ Ki],
-                [-plant.sample_time_s * plant.C, np.eye(len(plant.C))],
-            ]
-        )
 
     def law(self, cells: int) -> Law:
         """The law, with its Kalman filter."""
@@ -315,7 +250,7 @@ class LQI(AbstractDutyLimitedController):
         states, outputs = np.shape(self.kalman.L)
         b = of_cells("setpoint_weight", self.setpoint_weight, cells)
         tables = {
-            **kalman_tables(self.kalman, self.duty, self.outputs),
+            **kalman_tables(self.kalman, self.model.operating_point),
             "Kx": (Kx, "duty by the states"),
             "Ki": (Ki, "duty by the integrals, 1/(K s)"),
             "Kt": (Kt, "what the limits cut off, out of the integrals, K s"),
@@ -385,3 +320,108 @@ class LQI(AbstractDutyLimitedController):
             f"<LQI: {outputs} outputs, {cells} cells, {self.Kx.shape[1]} states, sample time "
             f"{self.sample_time_s:g} s>"
         )
+
+
+def design_lqi(
+    model: StateSpace,
+    *,
+    measured: Sequence[str | Sequence[str]] | None = None,
+    output_deviation: Numbers = 1.0,
+    integral_deviation: Numbers = 30.0,
+    duty_deviation: Numbers = 0.5,
+    drift: Numbers = 0.1,
+    reading_noise: Numbers = 1.0,
+    setpoint_weight: Numbers = 0.0,
+    limits: GivenLimits | None = None,
+    observer: TwinObserver | None = None,
+) -> LQI:
+    """Designs state feedback with integral action and a Kalman filter on a linear model.
+
+    ```python
+    model = jt.linearize(twin, temperatures={"TAM": 40.0, "TCM": 40.0}).reduce(4).discretise(1.0)
+    lqi = design_lqi(model, measured=["TAM", "TCM"], limits=(0, 1))
+    ```
+
+    **Arguments:** deviations and noises are single numbers, or one for each output or cell.
+
+    - `model`: a discrete model of the rig near its operating point, from `discretise`; delay and
+      lag are states. The sample time is that of the model.
+    - `measured`: the outputs, at most as many as cells, each a channel or a group of channels that
+      is averaged; None for the mean over all channels.
+    - `output_deviation`, K, `integral_deviation`, K s, `duty_deviation`: the accepted deviation of
+      each. A smaller value keeps that quantity smaller; a smaller integral deviation shortens
+      errors.
+    - `drift`: the rate at which unknown heat moves the outputs at rest, K per square root of a
+      second.
+    - `reading_noise`: the standard deviation of a reading of each output, K. The ratio of drift and
+      reading noise determines how much the filter trusts the model.
+    - `setpoint_weight`: b, the part of the duty for a new reference that is applied at once. With 0
+      the integral provides all of it, which overshoots least.
+    - `limits`: limits of the duty, as in `PID`. At a limit the integral is set back by
+      back-calculation, and the filter uses the duty that the cells get.
+    - `observer`: an observer of the twin, as in `design_mpc`.
+
+    **Raises:** `ControlError` if the model is not a discrete model or has no stable design, a
+    deviation or a noise is not a finite positive number, or the limits are not within -1 to 1.
+    """
+    groups = checked_measured("LQI", measured)
+    check_non_negative("LQI", setpoint_weight=setpoint_weight)
+    (plant,) = outputs_of(checked_discrete_model("LQI: model", model), groups)
+    weights = {
+        "output_deviation": output_deviation,
+        "integral_deviation": integral_deviation,
+        "duty_deviation": duty_deviation,
+        "drift": drift,
+        "reading_noise": reading_noise,
+    }
+    lqi = _design(
+        plant,
+        weights,
+        setpoint_weight=setpoint_weight,
+        limits=checked_limits("LQI", limits),
+        has_own_limits=limits is not None,
+        measured=groups,
+    )
+    return replace(lqi, observed=twin_estimator("LQI", observer, model, plant, lqi.kalman))
+
+
+def _design(plant: StateSpace, weights: Mapping[str, Numbers], **settings: Any) -> LQI:
+    """Designs the gains and the filter on the model of the outputs.
+
+    **Arguments:**
+
+    - `settings`: the arguments of `LQI` that no design depends on.
+    """
+    check_plant("LQI", plant, plant)
+    (states, cells), outputs, h = plant.B.shape, len(plant.C), plant.sample_time_s
+    assert h is not None
+    y, q, u, w, v = (
+        checked_deviations("LQI", name, weights[name], size)
+        for name, size in (
+            ("output_deviation", outputs),
+            ("integral_deviation", outputs),
+            ("duty_deviation", cells),
+            ("drift", outputs),
+            ("reading_noise", outputs),
+        )
+    )
+    A = np.block([[plant.A, np.zeros((states, outputs))], [-h * plant.C, np.eye(outputs)]])
+    B = np.vstack([plant.B, np.zeros((outputs, cells))])
+    Q = np.zeros_like(A)
+    Q[:states, :states] = plant.C.T @ np.diag(y**-2.0) @ plant.C
+    Q[states:, states:] = np.diag(q**-2.0)
+    K, _ = regulator("LQI", A, B, Q, np.diag(u**-2.0))
+    Kx, Ki = K[:, :states], -K[:, states:]
+    return LQI(
+        Kx=Kx,
+        Ki=Ki,
+        Kt=np.linalg.pinv(Ki),
+        N=(np.eye(cells) + Kx @ plant.steady_states) @ np.linalg.pinv(np.asarray(plant.dcgain)),
+        model=plant,
+        kalman=kalman_filter("LQI", plant, w, v),
+        observed=None,
+        weights=LQIWeights(y, q, u, w, v),
+        sample_time_s=h,
+        designed_for=plant.operating_point.rig,
+        **settings,
+    )

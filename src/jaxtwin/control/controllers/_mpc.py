@@ -24,7 +24,7 @@ slowly follows what the disturbances make of it.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import ClassVar, NamedTuple, final
+from typing import Any, ClassVar, NamedTuple, final
 
 import equinox as eqx
 import jax
@@ -35,7 +35,7 @@ from jaxtyping import Array, ArrayLike, Float, PyTree
 from ..._arguments import names_of, true_or_false, whole_number
 from ..._quadratic_program import QuadraticProgram, minimised
 from ...errors import ControlError
-from ..linear._discrete_model import DiscreteModel
+from ..linear._state_space import StateSpace, checked_discrete_model
 from ._controller import (
     AbstractController,
     DutyLimits,
@@ -45,6 +45,7 @@ from ._controller import (
     checked_deviations,
     checked_measured,
     means_of,
+    took_design_arguments,
 )
 from ._controller_fields import (
     OWN,
@@ -52,11 +53,8 @@ from ._controller_fields import (
     ControllerField,
     FileContents,
 )
+from ._design_model import check_plant, linear_plant, outputs_of
 from ._duty_limits import GivenLimits, checked_limits
-from ._file_model import (
-    MODEL_FIELDS,
-    designed,
-)
 from ._kalman import (
     AbstractEstimator,
     KalmanFilter,
@@ -64,10 +62,17 @@ from ._kalman import (
     TwinObserver,
     error_gain,
     kalman_filter,
-    plant_of_filter,
     refuse_observed,
+    twin_estimator,
 )
-from ._mpc_file import mpc_contents, mpc_lines
+from ._model_file import (
+    MODEL_FIELDS,
+    check_numbers,
+    limited_channels,
+    read_filter,
+    read_model,
+)
+from ._mpc_file import mpc_lines, mpc_settings, read_evenness
 from ._mpc_law import mpc_law
 from ._mpc_programs import (
     ROOM_ON_THE_WAY,
@@ -87,11 +92,9 @@ from ._mpc_programs import (
     rest_program,
     soft_limits,
 )
-from ._plant import DesignPlant, Temperatures, plant_of
 from ._predictive_controller import (
     AbstractPredictiveController,
     accepted_excesses,
-    channels_of,
     check_horizon,
     checked_control_horizon,
     checked_evenness,
@@ -103,6 +106,9 @@ from ._predictive_controller import (
 # How fast the allowance follows, relative to the slowest pole of the model. While a plate warms up,
 # what is not linear in it looks like a disturbance that will be over at rest.
 SLOWNESS = 1 / 3
+
+# The accepted excess over a temperature limit that states none, K.
+DEFAULT_EXCESS = 0.1
 
 _TEMPERATURE = ControllerField("a temperature difference", "K", "0.1 K")
 _DUTY = ControllerField("a duty", "", "0.05", is_required=True)
@@ -126,50 +132,47 @@ class MPCState(NamedTuple):
     allowance: Float[Array, ""]
 
 
-@final
-class MPC(AbstractPredictiveController):
-    """Model predictive control, designed on a linear model.
+class MPCPlant(NamedTuple):
+    """The model of an `MPC`, with three sets of outputs: those that follow the references, the
+    channels that are read beside them, first those with limits, and the points that are to be even.
+    """
 
-    ```python
-    model = jt.linearize(twin, temperatures={"TAM": 40.0, "TCM": 40.0}).reduce(4).discretise(1.0)
-    mpc = MPC(model, measured=["TAM", "TCM"], limits=(0, 1), rate_limit=0.05)
-    ```
+    outputs: StateSpace
+    watched: StateSpace
+    points: StateSpace
+
+    @property
+    def read(self) -> StateSpace:
+        """The model of what the Kalman filter reads."""
+        return self.watched if len(self.points.C) else self.outputs
+
+
+@final
+@took_design_arguments("design_mpc")
+class MPC(AbstractPredictiveController):
+    """Model predictive control, made by `design_mpc`.
 
     Without `preview` the controller uses the present reference for the whole horizon. `step` takes
     both: references `(outputs,)`, or `(horizon, outputs)`, those of this sample and of the next
-    ones. The sample time is that of the model.
+    ones.
 
-    **Arguments:** deviations and noises are single numbers, or one for each output or cell.
+    **Arguments:** settings are those of `design_mpc`.
 
-    - `model`, `measured`, `output_deviation`, `drift`, `reading_noise`, `limits`: as in `LQI`.
-    - `duty_deviation`: the accepted deviation of the duty from the one that holds the reference at
-      rest. A larger value is faster, and overshoots more if the plate differs from the model.
-    - `duty_change_deviation`: the accepted change of the duty from sample to sample.
-    - `horizon`: the number of samples that are planned. `control_horizon`: the number of them
-      after which the planned duty is held; None for all of them. A shorter one costs less time.
-    - `rate_limit`: hard limit of the rate of each cell's duty, 1/s; None for none. On a rig the
-      change in a sample is a whole number of the driver's counts, so that rounding keeps the limit.
-    - `temperature_limits`: soft limits of channels, name -> (lowest, highest), degC, or with an
-      accepted excess, K, as in `TemperatureLimit`. Each channel is read at every sample, and the
-      difference of its readings from the model shifts what is predicted of it. A limit is exceeded
-      if no duty can keep it; `ClosedLoopRun.exceeded` says so. Of limits that exclude each other,
-      that of the smallest accepted excess has priority.
-    - `evenness`: what makes the temperatures of `points`, outputs of the model, uneven; None for
-      a controller of the outputs alone. With it every channel of `measured` is read at every
-      sample. `point_errors`: what an error of 1 K of the model at each read channel (those with
-      limits first) changes at each point; None for the channel itself alone. `UniformityMPC`
-      computes all of them for a plate.
-    - `excess_deviation`: the accepted excess over a temperature limit that states none, and of a
-      point over the farthest one at rest, K. With a smaller value the limit is stricter.
-    - `observer`: an observer of the twin (`jaxtwin.observers.live_observer`), from which the Kalman
-      filter knows what the twin does beyond the linear model; None for the filter alone. It reads
-      all channels at every sample. Such a controller has no file and no C.
-    - `preview`: whether closed loops, simulated or on a rig, give it the references of the whole
-      horizon, so that it acts before a step of the reference comes.
-
-    **Raises:** `ControlError` if the model is not a discrete model or has no stable design, a
-    deviation, a noise or the rate is not a finite positive number, the horizon is not a positive
-    whole number, the limits are not within -1 to 1, or a temperature limit is not one.
+    - `model`: the model of the outputs. `gain`: its DC gain. `inverse`: the smallest duty that
+      changes the outputs at rest by 1 K.
+    - `condensed`, `soft`, `points`: the cost, the limited channels and the points that are to be
+      even in the samples of the horizon.
+    - `kalman`: the filter. `observed`: the filter with what an observer knows, if there is one.
+    - `noises`: those of the filter's design; None for the filter of a file.
+    - `watched`: the channels that are read beside the outputs. `of_channels`: the outputs as means
+      of these; without points there are none of them.
+    - `excess_deviation`: the accepted excess of each channel with limits, and then that of points,
+      K.
+    - `adaptation`: the part by which the allowance follows in a sample.
+    - `read_channels`, `point_names`: the names of `watched`, first those with limits, and `points`.
+    - `has_own_limits`: whether the limits hold on every rig.
+    - `sample_time_s`: that of the model, s. `designed_for`: its rig; empty for that of no rig file.
+    - `counts`: full duty in counts of the driver; None before the controller knows its rig.
     """
 
     kind: ClassVar[str] = "mpc"
@@ -187,125 +190,46 @@ class MPC(AbstractPredictiveController):
         "evenness": OWN,
     }
 
-    condensed: Condensed
-    kalman: KalmanFilter
-    observed: TwinEstimator | None
-    """The filter with what an observer knows, if there is one."""
+    model: StateSpace
     gain: Float[Array | np.ndarray, "outputs cells"]
     inverse: Float[Array | np.ndarray, "cells outputs"]
-    disturbed: Float[Array | np.ndarray, "cells disturbances"]
-    deviations: Deviations
-    noises: MPCNoises | None
-    """Those of its design; None for the filter of a file."""
-    watched: WatchedChannels
+    condensed: Condensed
     soft: SoftLimits | None
     points: EvenPoints | None
     evenness: AbstractEvennessCost | None
-    excess_deviation: Float[Array | np.ndarray, " limited_and_points"]
-    """The accepted excess of each channel with limits, and then that of points, K."""
-    adaptation: Float[Array | np.ndarray, ""]
+    kalman: KalmanFilter
+    observed: TwinEstimator | None
+    noises: MPCNoises | None
+    watched: WatchedChannels
     of_channels: Float[Array | np.ndarray, "outputs watched"]
-    """The outputs as means of the watched channels; without points there are none of them."""
-    duty: Float[Array | np.ndarray, " cells"]
-    outputs: Float[Array | np.ndarray, " outputs"]
+    output_deviation: Float[Array | np.ndarray, " outputs"]
+    duty_deviation: Float[Array | np.ndarray, " cells"]
+    duty_change_deviation: Float[Array | np.ndarray, " cells"]
+    excess_deviation: Float[Array | np.ndarray, " limited_and_points"]
+    adaptation: Float[Array | np.ndarray, ""]
     temperature_limits: tuple[tuple[str, TemperatureLimit], ...] = eqx.field(static=True)
     read_channels: tuple[str, ...] = eqx.field(static=True)
-    """The channels that are read beside the outputs; first those with limits."""
     point_names: tuple[str, ...] = eqx.field(static=True)
     horizon: int = eqx.field(static=True)
     control_horizon: int = eqx.field(static=True)
     rate_limit: float | None = eqx.field(static=True)
-    counts: int | None = eqx.field(static=True, repr=False)
-    """Full duty in counts of the driver; None before the controller knows its rig."""
     limits: DutyLimits = eqx.field(static=True)
     has_own_limits: bool = eqx.field(static=True, repr=False)
     sample_time_s: float = eqx.field(static=True)
+    designed_for: str = eqx.field(static=True, repr=False)
     preview: bool = eqx.field(static=True)
     measured: tuple[tuple[str, ...], ...] | None = eqx.field(static=True)
-    designed_for: str = eqx.field(static=True, repr=False)
-    """The rig of the model; empty for that of no rig file."""
+    counts: int | None = eqx.field(static=True, repr=False, default=None)
 
-    def __init__(
-        self,
-        model: DiscreteModel | DesignPlant,
-        *,
-        measured: Sequence[str | Sequence[str]] | None = None,
-        horizon: int = 20,
-        control_horizon: int | None = None,
-        output_deviation: Numbers = 1.0,
-        duty_deviation: Numbers = 0.05,
-        duty_change_deviation: Numbers = 0.05,
-        drift: Numbers = 0.1,
-        reading_noise: Numbers = 0.5,
-        limits: GivenLimits | None = None,
-        rate_limit: float | int | None = None,
-        temperature_limits: Mapping[str, Sequence[float | int]] | None = None,
-        excess_deviation: float | int = 0.1,
-        evenness: AbstractEvennessCost | None = None,
-        points: Sequence[str] = (),
-        point_errors: Float[np.ndarray, "points channels"] | None = None,
-        preview: bool = False,
-        observer: TwinObserver | None = None,
-    ):
-        self.limits = checked_limits("MPC", limits)
-        self.has_own_limits = limits is not None
-        self.measured = checked_measured("MPC", measured)
-        self.horizon = whole_number("MPC: horizon", horizon, 1, ControlError)
-        self.preview = true_or_false("MPC: preview", preview, ControlError)
-        self.rate_limit = None if rate_limit is None else checked_rate(rate_limit)
-        self.counts = None
-        self.control_horizon = checked_control_horizon(control_horizon, self.horizon)
-        channels = model.output_names if isinstance(model, DiscreteModel) else None
-        (excess,) = checked_deviations("MPC", "excess_deviation", excess_deviation, 1)
-        self.temperature_limits = checked_temperature_limits(temperature_limits, channels, excess)
-        self.excess_deviation = accepted_excesses(self.temperature_limits, excess)
-        self.evenness = checked_evenness(evenness, points)
-        self.point_names = names_of("MPC: points", points, ControlError)
-        limited = [name for name, *_ in self.temperature_limits]
-        more = channels_of(self.measured, model) if self.point_names else ()
-        self.read_channels = tuple(dict.fromkeys([*limited, *more]))
-        plant = plant_of("MPC", model, self.measured, self.read_channels, self.point_names)
-        self.sample_time_s = plant.sample_time_s
-        (_, cells), outputs = plant.B.shape, len(plant.C)
-        y, u, change, w, v = (
-            checked_deviations("MPC", name, value, size)
-            for name, value, size in (
-                ("output_deviation", output_deviation, outputs),
-                ("duty_deviation", duty_deviation, cells),
-                ("duty_change_deviation", duty_change_deviation, cells),
-                ("drift", drift, plant.disturbed.shape[1]),
-                ("reading_noise", reading_noise, len(plant.read)),
-            )
-        )
-        self.adaptation = np.asarray(1 - np.abs(np.linalg.eigvals(plant.A)).max() ** SLOWNESS)
-        self.deviations, self.noises = Deviations(y, u, change), MPCNoises(w, v)
-        predicted = predict(plant, self.horizon, self.control_horizon)
-        squares = self.evenness is not None and self.evenness.is_quadratic
-        self.condensed = condense(plant, predicted, self.deviations, tracks_points=squares)
-        limits_of = np.array([limit[:2] for _, limit in self.temperature_limits])
-        self.soft = soft_limits(plant, predicted, limits_of) if limited else None
-        self.points = None
-        if self.point_names:
-            shares = checked_point_errors(point_errors, self.point_names, self.read_channels)
-            self.points = even_points(plant, predicted, shares)
-            check_horizon(self.points, self.horizon, self.sample_time_s)
-        gain = error_gain(w.mean(), v.mean(), self.sample_time_s)
-        gains = np.full(len(self.read_channels), gain)
-        left = np.eye(len(gains))
-        if self.point_names:
-            explained = plant.read @ plant.rest_states
-            left -= explained @ np.linalg.pinv(explained)
-        self.watched = WatchedChannels(*plant.watched, gains, left)
-        self.of_channels = np.zeros((outputs, 0))
-        if self.point_names:
-            self.of_channels = means_of(self.measured, self.read_channels)
-        self.kalman = kalman_filter("MPC", plant, w, v, self.sample_time_s)
-        self.observed = None
-        if observer is not None:
-            self.observed = TwinEstimator("MPC", observer, plant, self.kalman)
-        self.gain, self.inverse, self.disturbed = plant.gain, plant.inverse, plant.disturbed
-        self.duty, self.outputs = plant.duty, plant.outputs
-        self.designed_for = plant.rig
+    @property
+    def duty(self) -> Float[Array | np.ndarray, " cells"]:
+        """The duty at the operating point."""
+        return self.model.operating_point.duty
+
+    @property
+    def outputs(self) -> Float[Array | np.ndarray, " outputs"]:
+        """The outputs at the operating point, degC."""
+        return self.model.operating_point.outputs
 
     @property
     def is_linear(self) -> bool:
@@ -326,35 +250,36 @@ class MPC(AbstractPredictiveController):
         with points that are to be even."""
         if self.noises is None or self.observed is not None or self.points is not None:
             return {}
-        y, u, change = self.deviations
         named = {
-            "output_deviation": y,
-            "duty_deviation": u,
-            "duty_change_deviation": change,
+            "output_deviation": self.output_deviation,
+            "duty_deviation": self.duty_deviation,
+            "duty_change_deviation": self.duty_change_deviation,
             **self.noises._asdict(),
         }
         return {name: np.asarray(part) for name, part in named.items()}
 
     def redesigned(self, weights: Mapping[str, Numbers]) -> AbstractController:
         """Returns the controller that the same model gives with other deviations and noises."""
-        point = np.asarray(self.duty, float), np.asarray(self.outputs, float)
-        watched = Temperatures(np.asarray(self.watched.C), np.asarray(self.watched.at))
-        mpc = MPC(
-            plant_of_filter(
-                "MPC", self.kalman, point, watched, self.sample_time_s, self.designed_for
-            ),
+        plant = MPCPlant(
+            self.model,
+            _with_rows(self.model, np.asarray(self.watched.C), np.asarray(self.watched.at)),
+            _with_rows(self.model, np.zeros((0, len(self.model.A))), np.zeros(0)),
+        )
+        mpc = _design(
+            plant,
+            **{**self.design_weights(), **weights},
             measured=self.measured,
             horizon=self.horizon,
             control_horizon=self.control_horizon,
             limits=self.limits,
             rate_limit=self.rate_limit,
-            temperature_limits=self.channel_limits(),
+            temperature_limits=self.temperature_limits,
             excess_deviation=float(self.excess_deviation[-1]),
             preview=self.preview,
-            **{**self.design_weights(), **weights},
+            has_own_limits=True,
+            read_channels=self.read_channels,
         )
-        object.__setattr__(mpc, "counts", self.counts)
-        return mpc
+        return replace(mpc, counts=self.counts)
 
     @property
     def estimator(self) -> AbstractEstimator:
@@ -376,9 +301,34 @@ class MPC(AbstractPredictiveController):
     @classmethod
     def from_file(cls, contents: FileContents) -> AbstractController:
         """Makes a controller from its file: the model, the filter and the accepted deviations."""
-        model, settings = mpc_contents(cls, contents)
-        mpc = designed(cls, model, settings, contents.refuse)
-        return eqx.tree_at(lambda mpc: mpc.noises, mpc, None)
+        model = read_model(contents, cls.kind)
+        states = len(model.A)
+        limited, even = limited_channels(contents, states), read_evenness(contents, states)
+        settings, gains = mpc_settings(cls, contents), limited.L
+        names, C, at = tuple(limited.limits), limited.C, limited.at
+        points = np.zeros((0, states)), np.zeros(0)
+        if even is not None:
+            channels, gains = even.channels, np.append(gains, [even.L] * len(even.channels.at))
+            names = (*names, *channels.names)
+            C, at = np.vstack([C, channels.C]), np.append(at, channels.at)
+            points = even.points.C, even.points.at
+            settings |= {
+                "evenness": even.cost,
+                "point_names": tuple(even.points.names),
+                "point_errors": even.point_errors,
+            }
+        plant = MPCPlant(model, _with_rows(model, C, at), _with_rows(model, *points))
+        kalman = read_filter(contents, plant.outputs, plant.read)
+        excess = settings.setdefault("excess_deviation", DEFAULT_EXCESS)
+        try:
+            limits = checked_temperature_limits(limited.limits, None, excess)
+            mpc = _mpc(
+                plant, kalman, gains, read_channels=names, temperature_limits=limits, **settings
+            )
+        except ControlError as error:
+            contents.refuse("", str(error))
+        check_numbers(mpc, contents.refuse)
+        return mpc
 
     def file_lines(self) -> list[str]:
         """Returns the lines of the operating point, the deviations, the limits, and the model."""
@@ -486,8 +436,9 @@ class MPC(AbstractPredictiveController):
     ) -> Rest:
         """Computes the state of rest for the references of some samples."""
         gain, inverse = jnp.asarray(self.gain), jnp.asarray(self.inverse)
-        accepted, cells = jnp.asarray(self.deviations.output), len(self.duty)
-        heat = jnp.asarray(self.disturbed) @ states[len(states) - self.disturbed.shape[1] :]
+        accepted, cells = jnp.asarray(self.output_deviation), len(self.duty)
+        disturbed = jnp.asarray(self.kalman.disturbed)
+        heat = disturbed @ states[len(states) - disturbed.shape[1] :]
         coming = self.outputs + gain @ heat
         if self.points is not None:
             coming = coming + jnp.asarray(self.of_channels) @ errors
@@ -528,3 +479,224 @@ class MPC(AbstractPredictiveController):
             f"<MPC: {outputs} outputs, {cells} cells, horizon {self.horizon}, sample time "
             f"{self.sample_time_s:g} s{even}>"
         )
+
+
+def design_mpc(
+    model: StateSpace,
+    *,
+    measured: Sequence[str | Sequence[str]] | None = None,
+    horizon: int = 20,
+    control_horizon: int | None = None,
+    output_deviation: Numbers = 1.0,
+    duty_deviation: Numbers = 0.05,
+    duty_change_deviation: Numbers = 0.05,
+    drift: Numbers = 0.1,
+    reading_noise: Numbers = 0.5,
+    limits: GivenLimits | None = None,
+    rate_limit: float | int | None = None,
+    temperature_limits: Mapping[str, Sequence[float | int]] | None = None,
+    excess_deviation: float | int = DEFAULT_EXCESS,
+    evenness: AbstractEvennessCost | None = None,
+    points: Sequence[str] = (),
+    point_errors: Float[np.ndarray, "points channels"] | None = None,
+    preview: bool = False,
+    observer: TwinObserver | None = None,
+) -> MPC:
+    """Designs model predictive control on a linear model.
+
+    ```python
+    model = jt.linearize(twin, temperatures={"TAM": 40.0, "TCM": 40.0}).reduce(4).discretise(1.0)
+    mpc = design_mpc(model, measured=["TAM", "TCM"], limits=(0, 1), rate_limit=0.05)
+    ```
+
+    **Arguments:** deviations and noises are single numbers, or one for each output or cell.
+
+    - `model`, `measured`, `output_deviation`, `drift`, `reading_noise`, `limits`: as in
+      `design_lqi`.
+    - `duty_deviation`: the accepted deviation of the duty from the one that holds the reference at
+      rest. A larger value is faster, and overshoots more if the plate differs from the model.
+    - `duty_change_deviation`: the accepted change of the duty from sample to sample.
+    - `horizon`: the number of samples that are planned. `control_horizon`: the number of them
+      after which the planned duty is held; None for all of them. A shorter one costs less time.
+    - `rate_limit`: hard limit of the rate of each cell's duty, 1/s; None for none. On a rig the
+      change in a sample is a whole number of the driver's counts, so that rounding keeps the limit.
+    - `temperature_limits`: soft limits of channels, name -> (lowest, highest), degC, or with an
+      accepted excess, K, as in `TemperatureLimit`. Each channel is read at every sample, and the
+      difference of its readings from the model shifts what is predicted of it. A limit is exceeded
+      if no duty can keep it; `ClosedLoopRun.exceeded` says so. Of limits that exclude each other,
+      that of the smallest accepted excess has priority.
+    - `evenness`: what makes the temperatures of `points`, outputs of the model, uneven; None for
+      a controller of the outputs alone. With it every channel of `measured` is read at every
+      sample. `point_errors`: what an error of 1 K of the model at each read channel (those with
+      limits first) changes at each point; None for the channel itself alone.
+      `design_uniformity_mpc` computes all of them for a plate.
+    - `excess_deviation`: the accepted excess over a temperature limit that states none, and of a
+      point over the farthest one at rest, K. With a smaller value the limit is stricter.
+    - `observer`: an observer of the twin (`jaxtwin.observers.live_observer`), from which the Kalman
+      filter knows what the twin does beyond the linear model; None for the filter alone. It reads
+      all channels at every sample. Such a controller has no file and no C.
+    - `preview`: whether closed loops, simulated or on a rig, give it the references of the whole
+      horizon, so that it acts before a step of the reference comes.
+
+    **Raises:** `ControlError` if the model is not a discrete model or has no stable design, a
+    deviation, a noise or the rate is not a finite positive number, the horizon is not a positive
+    whole number, the limits are not within -1 to 1, or a temperature limit is not one.
+    """
+    model = checked_discrete_model("MPC: model", model)
+    groups = checked_measured("MPC", measured)
+    checked_evenness(evenness, points)
+    point_names = names_of("MPC: points", points, ControlError)
+    (excess,) = checked_deviations("MPC", "excess_deviation", excess_deviation, 1)
+    limited = checked_temperature_limits(temperature_limits, model.output_names, excess)
+    of_outputs: Sequence[str] = ()
+    if point_names:
+        of_outputs = (
+            model.output_names if groups is None else [n for group in groups for n in group]
+        )
+    watched = tuple(dict.fromkeys([*(name for name, _ in limited), *of_outputs]))
+    sets = [(name,) for name in watched], [(name,) for name in point_names]
+    plant = MPCPlant(*outputs_of(model, groups, *sets))
+    mpc = _design(
+        plant,
+        measured=groups,
+        horizon=horizon,
+        control_horizon=control_horizon,
+        output_deviation=output_deviation,
+        duty_deviation=duty_deviation,
+        duty_change_deviation=duty_change_deviation,
+        drift=drift,
+        reading_noise=reading_noise,
+        limits=checked_limits("MPC", limits),
+        has_own_limits=limits is not None,
+        rate_limit=rate_limit,
+        temperature_limits=limited,
+        read_channels=watched,
+        excess_deviation=excess,
+        evenness=evenness,
+        point_names=point_names,
+        point_errors=point_errors,
+        preview=preview,
+    )
+    return replace(mpc, observed=twin_estimator("MPC", observer, model, plant.read, mpc.kalman))
+
+
+def _with_rows(
+    model: StateSpace, C: Float[np.ndarray, "rows state"], at: Float[np.ndarray, " rows"]
+) -> StateSpace:
+    """The model with other temperatures as its outputs, degC at the operating point."""
+    matrices, point = (np.asarray(model.A), np.asarray(model.B), C), model.operating_point
+    assert model.sample_time_s is not None
+    return linear_plant(matrices, np.asarray(point.duty), at, model.sample_time_s, point.rig)
+
+
+def _design(plant: MPCPlant, *, drift: Numbers, reading_noise: Numbers, **settings: Any) -> MPC:
+    """Designs the filter, and makes the controller with it.
+
+    **Arguments:**
+
+    - `settings`: those of `_mpc`.
+    """
+    check_plant("MPC", plant.outputs, plant.read)
+    readings, cells = np.shape(plant.read.D)
+    w = checked_deviations("MPC", "drift", drift, min(readings, cells))
+    v = checked_deviations("MPC", "reading_noise", reading_noise, readings)
+    kalman = kalman_filter("MPC", plant.read, w, v)
+    assert plant.read.sample_time_s is not None
+    gain = error_gain(w.mean(), v.mean(), plant.read.sample_time_s)
+    mpc = _mpc(plant, kalman, np.full(len(plant.watched.C), gain), **settings)
+    return replace(mpc, noises=MPCNoises(w, v))
+
+
+def _mpc(
+    plant: MPCPlant,
+    kalman: KalmanFilter,
+    error_gains: Float[np.ndarray, " watched"],
+    *,
+    measured: tuple[tuple[str, ...], ...] | None,
+    horizon: int,
+    control_horizon: int | None,
+    output_deviation: Numbers,
+    duty_deviation: Numbers,
+    duty_change_deviation: Numbers,
+    limits: DutyLimits,
+    has_own_limits: bool,
+    temperature_limits: tuple[tuple[str, TemperatureLimit], ...],
+    read_channels: tuple[str, ...],
+    excess_deviation: float,
+    preview: bool,
+    rate_limit: float | int | None = None,
+    evenness: AbstractEvennessCost | None = None,
+    point_names: tuple[str, ...] = (),
+    point_errors: Float[np.ndarray, "points channels"] | None = None,
+) -> MPC:
+    """Makes the controller: its programs over the horizon follow from the model and the settings.
+
+    **Arguments:**
+
+    - `error_gains`: the gain of the filter of the error of the model at each watched channel.
+    - the others: as in `MPC`.
+    """
+    time = plant.outputs.sample_time_s
+    assert time is not None
+    horizon = whole_number("MPC: horizon", horizon, 1, ControlError)
+    moves = checked_control_horizon(control_horizon, horizon)
+    outputs, cells = np.shape(plant.outputs.D)
+    deviations = Deviations(
+        checked_deviations("MPC", "output_deviation", output_deviation, outputs),
+        checked_deviations("MPC", "duty_deviation", duty_deviation, cells),
+        checked_deviations("MPC", "duty_change_deviation", duty_change_deviation, cells),
+    )
+    disturbed = np.asarray(kalman.disturbed)
+    predicted = predict(plant.outputs, disturbed, horizon, moves)
+    tracked = plant.points if evenness is not None and evenness.is_quadratic else None
+    condensed = condense(plant.outputs, disturbed, predicted, deviations, tracked)
+    soft, count = None, len(temperature_limits)
+    if temperature_limits:
+        watched = plant.watched.with_outputs(
+            np.eye(count, len(read_channels)), read_channels[:count]
+        )
+        bounds = np.array([limit[:2] for _, limit in temperature_limits])
+        soft = soft_limits(watched, predicted, bounds)
+    points, of_channels = None, np.zeros((outputs, 0))
+    unexplained = np.eye(len(read_channels))
+    if point_names:
+        shares = checked_point_errors(point_errors, point_names, read_channels)
+        centre = float(np.mean(plant.outputs.operating_point.outputs))
+        points = even_points(plant.points, predicted, shares, centre)
+        check_horizon(points, horizon, time)
+        explained = np.asarray(plant.read.dcgain)
+        unexplained -= explained @ np.linalg.pinv(explained)
+        of_channels = means_of(measured, read_channels)
+    gain, point = np.asarray(plant.outputs.dcgain), plant.watched.operating_point
+    slowest = np.abs(np.linalg.eigvals(plant.outputs.A)).max()
+    return MPC(
+        model=plant.outputs,
+        gain=gain,
+        inverse=np.linalg.pinv(gain),
+        condensed=condensed,
+        soft=soft,
+        points=points,
+        evenness=evenness,
+        kalman=kalman,
+        observed=None,
+        noises=None,
+        watched=WatchedChannels(plant.watched.C, point.outputs, error_gains, unexplained),
+        of_channels=of_channels,
+        output_deviation=deviations.output,
+        duty_deviation=deviations.duty,
+        duty_change_deviation=deviations.change,
+        excess_deviation=accepted_excesses(temperature_limits, excess_deviation),
+        adaptation=np.asarray(1 - slowest**SLOWNESS),
+        temperature_limits=temperature_limits,
+        read_channels=read_channels,
+        point_names=point_names,
+        horizon=horizon,
+        control_horizon=moves,
+        rate_limit=None if rate_limit is None else checked_rate(rate_limit),
+        limits=limits,
+        has_own_limits=has_own_limits,
+        sample_time_s=time,
+        designed_for=plant.outputs.operating_point.rig,
+        preview=true_or_false("MPC: preview", preview, ControlError),
+        measured=measured,
+    )

@@ -1,6 +1,5 @@
 """The law of an `MPC` in C: its numbers, and the memory of its programs."""
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -10,7 +9,6 @@ from ..._quadratic_program import CENTERING, STEPS, TO_BOUNDARY
 from ._controller import (
     Law,
     LawTable,
-    TemperatureLimit,
     bundled_law,
     check_designed_cells,
     parameter_text,
@@ -22,7 +20,6 @@ from ._mpc_programs import (
     MIN_BAND,
     ROOM_ON_THE_WAY,
     Condensed,
-    Deviations,
     SoftTemperatures,
     WatchedChannels,
     rest_cost,
@@ -189,21 +186,16 @@ def work_of(unknowns: int, limits: int, centres: int) -> dict[str, int]:
     }
 
 
-def parameter_lines(
-    deviations: Deviations,
-    rate_limit: float | None,
-    temperature_limits: Sequence[tuple[str, TemperatureLimit]],
-    soft: SoftTemperatures,
-) -> list[str]:
+def parameter_lines(mpc: "MPC", soft: SoftTemperatures) -> list[str]:
     """The parameters of an `MPC` with their units, a line for each."""
-    y, u, change = deviations
+    rate = "none" if mpc.rate_limit is None else f"{mpc.rate_limit!r} 1/s"
     lines = [
-        parameter_text("accepted deviations of the outputs", y, "K"),
-        parameter_text("accepted deviations of the duty", u, ""),
-        parameter_text("accepted changes of the duty", change, ""),
-        f"limit of the rate of the duty: {'none' if rate_limit is None else f'{rate_limit!r} 1/s'}",
+        parameter_text("accepted deviations of the outputs", mpc.output_deviation, "K"),
+        parameter_text("accepted deviations of the duty", mpc.duty_deviation, ""),
+        parameter_text("accepted changes of the duty", mpc.duty_change_deviation, ""),
+        f"limit of the rate of the duty: {rate}",
     ]
-    for channel, (lowest, highest, excess) in temperature_limits:
+    for channel, (lowest, highest, excess) in mpc.temperature_limits:
         limits = f"{lowest!r} to {highest!r} degC, accepted excess {excess!r} K"
         lines.append(f"soft limits of {channel}: {limits}")
     if soft.cost is not None and soft.points is not None:
@@ -230,7 +222,7 @@ def mpc_law(mpc: "MPC", cells: int) -> Law:
     check_designed_cells(len(mpc.duty), cells)
     states = len(mpc.kalman.L)
     outputs, soft = len(mpc.outputs), mpc.soft_temperatures
-    accepted = np.asarray(mpc.deviations.output, float)
+    accepted = np.asarray(mpc.output_deviation, float)
     gain, inverse = np.asarray(mpc.gain, float), np.asarray(mpc.inverse, float)
     scaled, by_duty = rest_cost(gain, inverse, accepted, mpc.points is None)
     by_squares = squares_at_rest(soft)
@@ -240,7 +232,7 @@ def mpc_law(mpc: "MPC", cells: int) -> Law:
         by_duty,
         -np.asarray(scaled).T / accepted,
         gain,
-        mpc.disturbed,
+        mpc.kalman.disturbed,
         mpc.of_channels,
         mpc.adaptation,
         ROOM_ON_THE_WAY,
@@ -258,8 +250,8 @@ def mpc_law(mpc: "MPC", cells: int) -> Law:
     }
     if mpc.reach is not None:
         constants["REACH"] = mpc.reach
-    tables = {**kalman_tables(mpc.kalman, mpc.duty, mpc.outputs), **numbers.tables}
-    lines = parameter_lines(mpc.deviations, mpc.rate_limit, mpc.temperature_limits, soft)
+    tables = {**kalman_tables(mpc.kalman, mpc.model.operating_point), **numbers.tables}
+    lines = parameter_lines(mpc, soft)
     if mpc.preview:
         lines.append("designed for the references of the whole horizon: see ..._step_ahead")
     memory = {"x": states, "moved": cells, "targets": mpc.horizon * cells}

@@ -14,7 +14,7 @@ from ..._arguments import finite_number
 from ..._quadratic_program import QuadraticProgram
 from ...errors import ControlError
 from ..linear._riccati import regulator
-from ._plant import DesignPlant
+from ..linear._state_space import StateSpace
 
 # The program of a model predictive controller, condensed to the duty of the horizon.
 #
@@ -96,11 +96,21 @@ class PredictedStates(NamedTuple):
     by_moves: Float[np.ndarray, "samples n moves"]
 
 
-def predict(plant: DesignPlant, horizon: int, control_horizon: int) -> PredictedStates:
+def predict(
+    plant: StateSpace,
+    disturbed: Float[np.ndarray, "cells disturbances"],
+    horizon: int,
+    control_horizon: int,
+) -> PredictedStates:
     """Computes the states over a horizon, given in samples. From the last sample of the control
-    horizon on, the duty is held."""
-    (n, cells), unknown = plant.B.shape, plant.disturbed.shape[1]
-    by_disturbance = plant.B @ plant.disturbed @ np.eye(unknown, n + unknown, n)
+    horizon on, the duty is held.
+
+    **Arguments:**
+
+    - `disturbed`: the duty like which a disturbance of 1 K acts, as in `KalmanFilter`.
+    """
+    (n, cells), unknown = plant.B.shape, disturbed.shape[1]
+    by_disturbance = plant.B @ disturbed @ np.eye(unknown, n + unknown, n)
     state, moved = np.eye(n, n + unknown), np.zeros((n, control_horizon * cells))
     by_states, by_moves = [], []
     for sample in range(horizon):
@@ -114,11 +124,11 @@ def predict(plant: DesignPlant, horizon: int, control_horizon: int) -> Predicted
 
 
 def condense(
-    plant: DesignPlant,
+    plant: StateSpace,
+    disturbed: Float[np.ndarray, "cells disturbances"],
     predicted: PredictedStates,
     deviations: Deviations,
-    *,
-    tracks_points: bool = False,
+    tracked: StateSpace | None = None,
 ) -> Condensed:
     r"""Condenses the cost to a function of the moves.
 
@@ -128,20 +138,21 @@ def condense(
 
     **Arguments:**
 
-    - `tracks_points`: whether the cost has the mean square of the deviations of the plant's points
-      from their temperatures at rest, too, with the accepted deviation of the outputs.
+    - `disturbed`: as in `predict`.
+    - `tracked`: the model of points whose mean square deviation from their temperatures at rest is
+      a part of the cost, with the accepted deviation of the outputs; None for none.
 
     **Raises:** `ControlError` if the plant has no stable design.
     """
-    (n, cells), unknown = plant.B.shape, plant.disturbed.shape[1]
+    (n, cells), unknown = plant.B.shape, disturbed.shape[1]
     horizon, _, moves = predicted.by_moves.shape
     y, u, change = (np.asarray(deviation, float) for deviation in deviations)
     unit = np.eye(cells)
     A = np.block([[plant.A, plant.B], [np.zeros((cells, n)), unit]])
     B = np.vstack([plant.B, unit])
     of_outputs = plant.C.T @ np.diag(y**-2.0) @ plant.C
-    if tracks_points:
-        of_outputs += plant.points.C.T @ plant.points.C / (len(plant.points.at) * np.mean(y**2))
+    if tracked is not None:
+        of_outputs += tracked.C.T @ tracked.C / (len(tracked.C) * np.mean(y**2))
     Q = np.asarray(block_diag(of_outputs, np.diag(u**-2.0)))
     _, P = regulator("MPC", A, B, Q, np.diag(change**-2.0))
     # Row k of each: (x_k, u_{k-1}) for k = 1 to the horizon, by the states and by the moves.
@@ -151,9 +162,9 @@ def condense(
     by_states = np.concatenate([predicted.by_states, no_states], axis=1).reshape(-1, n + unknown)
     E = np.concatenate([predicted.by_moves, duty], axis=1).reshape(-1, moves)
     W = np.asarray(block_diag(*[Q] * (horizon - 1), P))
-    disturbance = np.eye(unknown, n + unknown, n)
-    aim = np.vstack([plant.rest_states, unit])  # (x, u) at rest per duty
-    at_rest = np.vstack([plant.rest_states @ plant.disturbed @ disturbance, no_states[0]])
+    disturbance, steady = np.eye(unknown, n + unknown, n), plant.steady_states
+    aim = np.vstack([steady, unit])  # (x, u) at rest per duty
+    at_rest = np.vstack([steady @ disturbed @ disturbance, no_states[0]])
     differences = np.eye(moves) - np.eye(moves, k=-cells)
     S = np.diag(np.tile(change**-2.0, moves // cells))
     first = np.eye(moves, cells)
@@ -184,34 +195,37 @@ def rest_cost(
 
 
 def soft_limits(
-    plant: DesignPlant, predicted: PredictedStates, limits: Float[np.ndarray, "limited 2"]
+    limited: StateSpace, predicted: PredictedStates, limits: Float[np.ndarray, "limited 2"]
 ) -> SoftLimits:
-    """Computes the predicted temperatures of the limited channels, the first ones of the watched.
+    """Computes the predicted temperatures of the limited channels.
 
     **Arguments:**
 
+    - `limited`: the model with these channels as its outputs.
     - `limits`: the lowest and the highest temperature of each channel, degC.
     """
-    C, at = (part[: len(limits)] for part in plant.watched)
+    C, at = np.asarray(limited.C), np.asarray(limited.operating_point.outputs)
     lowest, highest = np.tile((limits - at[:, None]).T, len(predicted.by_states))
-    return SoftLimits(*_over_the_horizon(C, predicted), lowest, highest, C @ plant.rest_states)
+    gain = np.asarray(limited.dcgain)
+    return SoftLimits(*_over_the_horizon(C, predicted), lowest, highest, gain)
 
 
 def even_points(
-    plant: DesignPlant,
+    points: StateSpace,
     predicted: PredictedStates,
     by_errors: Float[np.ndarray, "points watched"],
+    centre: float,
 ) -> EvenPoints:
-    """Computes the predicted temperatures of the points that are to be even."""
-    C, at = plant.points
-    return EvenPoints(
-        *_over_the_horizon(C, predicted),
-        C @ plant.rest_states,
-        C,
-        at,
-        at - plant.outputs.mean(),
-        by_errors,
-    )
+    """Computes the predicted temperatures of the points that are to be even.
+
+    **Arguments:**
+
+    - `points`: the model with these points as its outputs.
+    - `centre`: the mean of the controlled outputs at the operating point, degC.
+    """
+    C, at = np.asarray(points.C), np.asarray(points.operating_point.outputs)
+    by_moves = _over_the_horizon(C, predicted)
+    return EvenPoints(*by_moves, np.asarray(points.dcgain), C, at, at - centre, by_errors)
 
 
 def _over_the_horizon(

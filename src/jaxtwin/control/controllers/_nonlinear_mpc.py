@@ -47,7 +47,9 @@ from ._controller import (
     checked_measured,
     checked_sample_time,
     means_of,
+    took_design_arguments,
 )
+from ._design_model import check_plant, outputs_of
 from ._duty_limits import GivenLimits, bounds_of, checked_limits, limits_of_rig
 from ._kalman import KalmanFilter, error_gain, kalman_filter
 from ._mpc_programs import Condensed, Rest, SoftLimits, SoftTemperatures, plan_program
@@ -59,7 +61,6 @@ from ._multiple_shooting import (
     as_vector,
     condensed_path,
 )
-from ._plant import plant_of
 from ._predictive_controller import (
     AbstractPredictiveController,
     accepted_excesses,
@@ -93,135 +94,50 @@ class NonlinearMPCState(NamedTuple):
 
 
 @final
+@took_design_arguments("design_nonlinear_mpc")
 class NonlinearMPC(AbstractPredictiveController):
-    """Model predictive control whose model is a twin itself, and not its linearisation.
+    """Model predictive control whose model is a twin itself, made by `design_nonlinear_mpc`.
 
-    ```python
-    controller = NonlinearMPC(twin, measured=["TAM", "TCM"], limits=(0, 1))
-    jt.simulate_closed_loop(twin, controller, 40, duration=900)
-    ```
+    **Arguments:** settings are those of `design_nonlinear_mpc`.
 
-    It is worth its time where the plate goes far: the heat of a cell grows with the square of its
-    current, its gain falls as the plate warms, and the losses grow faster than the rise. Near one
-    operating point `MPC` does the same in a seventh of the time.
-
-    **Arguments:** deviations and noises are single numbers, or one for each output or cell.
-
-    - `twin`: the twin; or a fit, whose recordings' own values are averaged.
-    - `measured`, `preview`, `limits`, `rate_limit`, `temperature_limits`, `excess_deviation`,
-      `drift`, `reading_noise`: as in `MPC`.
-    - `sample_time_s`: the sample time, s. `horizon`: the number of samples that are planned.
-      `control_horizon`: the number after which the planned duty is held; None for all of them.
-    - `output_deviation`: the accepted deviation of the outputs from their references.
-    - `duty_change_deviation`: the accepted change of the duty from sample to sample. A smaller
-      value is more cautious.
-    - `iterations`: steps of the sequential quadratic programming in each sample.
-
-    **Raises:** `ControlError` as `MPC`, and for a horizon that is not longer than the driver's
-    delay; `ParameterError` for values with which the twin has no meaning.
+    - `stepper`: the twin's equations over a step of the prediction.
+    - `kalman`: its gain and its outputs; its states are deviations of the nodes from `nodes`, the
+      temperatures where the filter was designed, degC.
+    - `heat`: the heat into the nodes of each disturbance, W/K.
+    - `inverse`: the smallest duty that changes the outputs at rest by 1 K.
+    - `readings`: the outputs and the limited channels by the temperatures of the nodes. `at`: their
+      temperatures at `nodes`, degC.
+    - `error_gain`: the gain of the filter of the errors of the twin at the limited channels.
+    - `excess_deviation`: the accepted excess of each channel with limits; the last one stands for
+      points, of which there are none.
+    - `has_own_limits`: whether the limits hold on every rig.
+    - `designed_for`: the name of the rig.
+    - `counts`: full duty in counts of the driver; None before the controller knows its rig.
     """
 
     stepper: Stepper
     kalman: KalmanFilter
-    """Its gain and its outputs; its states are deviations of the nodes from `nodes`."""
     heat: Float[Array | np.ndarray, "nodes disturbances"]
-    """The heat into the nodes of each disturbance, W/K."""
     inverse: Float[Array | np.ndarray, "cells outputs"]
     readings: Float[Array | np.ndarray, "readings nodes"]
-    """The outputs and the limited channels by the temperatures of the nodes."""
     at: Float[Array | np.ndarray, " readings"]
-    """Their temperatures at `nodes`, degC."""
     nodes: Float[Array | np.ndarray, " nodes"]
-    """The temperatures of the nodes where the filter was designed, degC."""
     output_deviation: Float[Array | np.ndarray, " outputs"]
     duty_change_deviation: Float[Array | np.ndarray, " cells"]
     error_gain: Float[Array | np.ndarray, ""]
     excess_deviation: Float[Array | np.ndarray, " limited_and_points"]
-    """The accepted excess of each channel with limits; the last one stands for points, of which
-    there are none."""
     temperature_limits: tuple[tuple[str, TemperatureLimit], ...] = eqx.field(static=True)
     horizon: int = eqx.field(static=True)
     control_horizon: int = eqx.field(static=True)
     iterations: int = eqx.field(static=True)
     rate_limit: float | None = eqx.field(static=True)
-    counts: int | None = eqx.field(static=True)
-    """Full duty in counts of the driver; None before the controller knows its rig."""
     limits: DutyLimits = eqx.field(static=True)
     has_own_limits: bool = eqx.field(static=True)
     sample_time_s: float = eqx.field(static=True)
     preview: bool = eqx.field(static=True)
     measured: tuple[tuple[str, ...], ...] | None = eqx.field(static=True)
     designed_for: str = eqx.field(static=True)
-
-    def __init__(
-        self,
-        twin: Twin | Fit,
-        *,
-        measured: Sequence[str | Sequence[str]] | None = None,
-        sample_time_s: float | int = 10.0,
-        horizon: int = 30,
-        control_horizon: int | None = None,
-        output_deviation: Numbers = 1.0,
-        duty_change_deviation: Numbers = 0.05,
-        drift: Numbers = 0.1,
-        reading_noise: Numbers = 0.1,
-        limits: GivenLimits | None = None,
-        rate_limit: float | int | None = None,
-        temperature_limits: Mapping[str, Sequence[float | int]] | None = None,
-        excess_deviation: float | int = 0.1,
-        iterations: int = 1,
-        preview: bool = False,
-    ):
-        where = "NonlinearMPC"
-        twin = nominal_twin(f"{where}: twin", twin, ControlError)
-        self.limits = checked_limits(where, limits)
-        self.has_own_limits = limits is not None
-        self.measured = checked_measured(where, measured)
-        self.sample_time_s = checked_sample_time(where, sample_time_s)
-        self.horizon = whole_number(f"{where}: horizon", horizon, 1, ControlError)
-        self.control_horizon = checked_control_horizon(control_horizon, self.horizon, where)
-        self.iterations = whole_number(f"{where}: iterations", iterations, 1, ControlError)
-        self.preview = true_or_false(f"{where}: preview", preview, ControlError)
-        self.rate_limit = None if rate_limit is None else checked_rate(rate_limit, where)
-        self.counts, self.designed_for = None, twin.rig.name
-        (excess,) = checked_deviations(where, "excess_deviation", excess_deviation, 1)
-        self.temperature_limits = checked_temperature_limits(
-            temperature_limits, twin.channels, excess, where
-        )
-        self.excess_deviation = accepted_excesses(self.temperature_limits, excess)
-        self.stepper = to_numpy(Stepper(twin, self.sample_time_s / self.steps))
-        delay = 0.0 if self.stepper.system.delay is None else float(self.stepper.system.delay)
-        if self.horizon * self.sample_time_s <= delay:
-            raise ControlError(
-                f"{where}: horizon: expected more samples than the driver's delay of {delay:g} s "
-                f"takes, got {self.horizon} of {self.sample_time_s:g} s"
-            )
-        # The filter knows no delay and no lag: what it explains is heat, which has neither.
-        lowest, highest = bounds_of(limits_of_rig(where, self.limits, twin.rig))
-        model = replace(
-            linearize(twin, duty=np.where(highest >= -lowest, highest, lowest) / 2),
-            delay_s=np.zeros(()), lag_s=np.zeros(()), is_delayed=False, is_lagged=False,
-        )  # fmt: skip
-        limited = tuple(name for name, *_ in self.temperature_limits)
-        plant = plant_of(where, model.discretise(self.sample_time_s), self.measured, limited)
-        cells, outputs = plant.B.shape[1], len(plant.C)
-        self.output_deviation, self.duty_change_deviation, w, v = (
-            checked_deviations(where, name, value, size)
-            for name, value, size in (
-                ("output_deviation", output_deviation, outputs),
-                ("duty_change_deviation", duty_change_deviation, cells),
-                ("drift", drift, plant.disturbed.shape[1]),
-                ("reading_noise", reading_noise, outputs),
-            )
-        )
-        self.error_gain = np.asarray(error_gain(w.mean(), v.mean(), self.sample_time_s))
-        self.kalman = kalman_filter(where, plant, w, v, self.sample_time_s)
-        capacitance = np.asarray(self.stepper.system.capacitance)[:, None]
-        self.heat = capacitance * np.asarray(model.B) @ plant.disturbed
-        self.inverse = plant.inverse
-        self.readings = np.vstack([plant.C, plant.watched.C])
-        self.at = np.concatenate([plant.outputs, plant.watched.at])
-        self.nodes = np.asarray(model.operating_point.nodes)
+    counts: int | None = eqx.field(static=True, default=None)
 
     @property
     def is_linear(self) -> bool:
@@ -423,7 +339,7 @@ class NonlinearMPC(AbstractPredictiveController):
     @property
     def steps(self) -> int:
         """The steps of the prediction in a sample."""
-        return math.ceil(self.sample_time_s / MAX_STEP * (1 - 1e-9))
+        return _steps(self.sample_time_s)
 
     def __repr__(self) -> str:
         outputs, cells = len(self.output_deviation), len(self.duty_change_deviation)
@@ -431,3 +347,110 @@ class NonlinearMPC(AbstractPredictiveController):
             f"<NonlinearMPC of {self.designed_for}: {outputs} outputs, {cells} cells, horizon "
             f"{self.horizon}, sample time {self.sample_time_s:g} s>"
         )
+
+
+def design_nonlinear_mpc(
+    twin: Twin | Fit,
+    *,
+    measured: Sequence[str | Sequence[str]] | None = None,
+    sample_time_s: float | int = 10.0,
+    horizon: int = 30,
+    control_horizon: int | None = None,
+    output_deviation: Numbers = 1.0,
+    duty_change_deviation: Numbers = 0.05,
+    drift: Numbers = 0.1,
+    reading_noise: Numbers = 0.1,
+    limits: GivenLimits | None = None,
+    rate_limit: float | int | None = None,
+    temperature_limits: Mapping[str, Sequence[float | int]] | None = None,
+    excess_deviation: float | int = 0.1,
+    iterations: int = 1,
+    preview: bool = False,
+) -> NonlinearMPC:
+    """Designs model predictive control whose model is a twin itself, and not its linearisation.
+
+    ```python
+    controller = design_nonlinear_mpc(twin, measured=["TAM", "TCM"], limits=(0, 1))
+    jt.simulate_closed_loop(twin, controller, 40, duration=900)
+    ```
+
+    It is worth its time where the plate goes far: the heat of a cell grows with the square of its
+    current, its gain falls as the plate warms, and the losses grow faster than the rise. Near one
+    operating point an `MPC` does the same in a seventh of the time.
+
+    **Arguments:** deviations and noises are single numbers, or one for each output or cell.
+
+    - `twin`: the twin; or a fit, whose recordings' own values are averaged.
+    - `measured`, `preview`, `limits`, `rate_limit`, `temperature_limits`, `excess_deviation`,
+      `drift`, `reading_noise`: as in `design_mpc`.
+    - `sample_time_s`: the sample time, s. `horizon`: the number of samples that are planned.
+      `control_horizon`: the number after which the planned duty is held; None for all of them.
+    - `output_deviation`: the accepted deviation of the outputs from their references.
+    - `duty_change_deviation`: the accepted change of the duty from sample to sample. A smaller
+      value is more cautious.
+    - `iterations`: steps of the sequential quadratic programming in each sample.
+
+    **Raises:** `ControlError` as `design_mpc`, and for a horizon that is not longer than the
+    driver's delay; `ParameterError` for values with which the twin has no meaning.
+    """
+    where = "NonlinearMPC"
+    twin = nominal_twin(f"{where}: twin", twin, ControlError)
+    time = checked_sample_time(where, sample_time_s)
+    horizon = whole_number(f"{where}: horizon", horizon, 1, ControlError)
+    allowed = checked_limits(where, limits)
+    (excess,) = checked_deviations(where, "excess_deviation", excess_deviation, 1)
+    limited = checked_temperature_limits(temperature_limits, twin.channels, excess, where)
+    stepper = to_numpy(Stepper(twin, time / _steps(time)))
+    delay = 0.0 if stepper.system.delay is None else float(stepper.system.delay)
+    if horizon * time <= delay:
+        raise ControlError(
+            f"{where}: horizon: expected more samples than the driver's delay of {delay:g} s "
+            f"takes, got {horizon} of {time:g} s"
+        )
+    # The filter knows no delay and no lag: what it explains is heat, which has neither.
+    lowest, highest = bounds_of(limits_of_rig(where, allowed, twin.rig))
+    model = replace(
+        linearize(twin, duty=np.where(highest >= -lowest, highest, lowest) / 2),
+        delay_s=np.zeros(()), lag_s=np.zeros(()), is_delayed=False, is_lagged=False,
+    )  # fmt: skip
+    groups = checked_measured(where, measured)
+    plant, watched = outputs_of(model.discretise(time), groups, [(name,) for name, _ in limited])
+    check_plant(where, plant, plant)
+    outputs, cells = np.shape(plant.D)
+    w, v = (
+        checked_deviations(where, name, value, outputs)
+        for name, value in (("drift", drift), ("reading_noise", reading_noise))
+    )
+    kalman = kalman_filter(where, plant, w, v)
+    capacitance = np.asarray(stepper.system.capacitance)[:, None]
+    return NonlinearMPC(
+        stepper=stepper,
+        kalman=kalman,
+        heat=capacitance * np.asarray(model.B) @ kalman.disturbed,
+        inverse=np.linalg.pinv(np.asarray(plant.dcgain)),
+        readings=np.vstack([plant.C, watched.C]),
+        at=np.concatenate([plant.operating_point.outputs, watched.operating_point.outputs]),
+        nodes=np.asarray(model.operating_point.nodes),
+        output_deviation=checked_deviations(where, "output_deviation", output_deviation, outputs),
+        duty_change_deviation=checked_deviations(
+            where, "duty_change_deviation", duty_change_deviation, cells
+        ),
+        error_gain=np.asarray(error_gain(w.mean(), v.mean(), time)),
+        excess_deviation=accepted_excesses(limited, excess),
+        temperature_limits=limited,
+        horizon=horizon,
+        control_horizon=checked_control_horizon(control_horizon, horizon, where),
+        iterations=whole_number(f"{where}: iterations", iterations, 1, ControlError),
+        rate_limit=None if rate_limit is None else checked_rate(rate_limit, where),
+        limits=allowed,
+        has_own_limits=limits is not None,
+        sample_time_s=time,
+        preview=true_or_false(f"{where}: preview", preview, ControlError),
+        measured=groups,
+        designed_for=twin.rig.name,
+    )
+
+
+def _steps(sample_time_s: float) -> int:
+    """The steps of the prediction in a sample."""
+    return math.ceil(sample_time_s / MAX_STEP * (1 - 1e-9))

@@ -15,9 +15,9 @@ from ..._name_suggestions import unknown_name
 from ...errors import ControlError
 from ...rig import Rig
 from ._controller import TemperatureLimit
+from ._design_model import check_designed_for
 from ._duty_limits import AbstractDutyLimitedController
 from ._mpc_programs import EVENNESS_COSTS, AbstractEvennessCost, EvenPoints
-from ._plant import DesignPlant, check_designed_for
 
 Predictive = TypeVar("Predictive", bound="AbstractPredictiveController")
 
@@ -175,15 +175,6 @@ def checked_evenness(evenness: Any, points: Sequence[str]) -> AbstractEvennessCo
             f"points {list(points)!r} and evenness {evenness!r}"
         )
     return evenness
-
-
-def channels_of(measured: Sequence[Sequence[str]] | None, model: Any) -> tuple[str, ...]:
-    """Returns the channels of all outputs; those of the rig of the model for None."""
-    if measured is not None:
-        return tuple(name for group in measured for name in group)
-    if isinstance(model, DesignPlant):
-        raise ControlError("MPC: measured: expected the channels of the outputs with evenness")
-    return tuple(model.output_names)
 
 
 def checked_point_errors(

@@ -16,16 +16,16 @@ from jaxtyping import Float
 
 from ..._arguments import of_kind, whole_number
 from ...errors import ControlError
-from ..linear._linear_model import LinearModel
-from ._mpc import MPC
+from ..linear._state_space import StateSpace
+from ._mpc import MPC, design_mpc
 from ._mpc_programs import AbstractEvennessCost, RangeCost
 
 # $\rho$, as a share of the mean variance of the channels' errors: the part that is noise.
 NOISE_SHARE = 0.01
 
 
-def UniformityMPC(
-    model: LinearModel,
+def design_uniformity_mpc(
+    model: StateSpace,
     *,
     evenness: AbstractEvennessCost | None = None,
     sample_time_s: float | int = 5.0,
@@ -36,12 +36,12 @@ def UniformityMPC(
     reading_noise: float | int = 0.5,
     **settings: Any,
 ) -> MPC:
-    """Makes an `MPC` that holds the mean of the channels at its reference, as evenly as the cells
+    """Designs an `MPC` that holds the mean of the channels at its reference, as evenly as the cells
     can: at rest by the most even duty, and on the way with no larger range than at rest.
 
     ```python
     model = jt.linearize(twin, temperatures=40)
-    even = jaxtwin.control.UniformityMPC(model, limits=(0, 1))
+    even = jaxtwin.control.design_uniformity_mpc(model, limits=(0, 1))
     jt.simulate_closed_loop(twin, even, 40, duration=900)
     ```
 
@@ -51,22 +51,22 @@ def UniformityMPC(
       all elements are to be even, of another rig those of the channels.
     - `evenness`: what makes them uneven; None for a `RangeCost`.
     - `sample_time_s`: the sample time, s. `order`: the number of states of the reduced model.
-    - `horizon`, `control_horizon`, `excess_deviation`, `reading_noise`: as in `MPC`.
-    - `settings`: the further arguments of `MPC`.
+    - `horizon`, `control_horizon`, `excess_deviation`, `reading_noise`: as in `design_mpc`.
+    - `settings`: the further arguments of `design_mpc`.
 
-    **Raises:** `ControlError` if the model is not a `LinearModel` at rest, or for a setting that
-    `MPC` refuses.
+    **Raises:** `ControlError` if the model is not one in continuous time at rest, or for a setting
+    that `design_mpc` refuses.
     """
-    where = "UniformityMPC"
-    expected = "a LinearModel, such as linearize(twin, temperatures=40)"
-    of_kind(f"{where}: model", model, LinearModel, expected, ControlError)
+    where = "design_uniformity_mpc"
+    expected = "a model in continuous time, such as linearize(twin, temperatures=40)"
+    of_kind(f"{where}: model", model, StateSpace, expected, ControlError)
     channels = model.output_names
     elements = model.state_names[: model.operating_point.elements]
     limited = [name for name in settings.get("temperature_limits") or {} if name in channels]
     read = list(dict.fromkeys([*limited, *channels]))
     full = _from_room_to_point(model).with_states_as_outputs(elements)
     most = min(whole_number(f"{where}: order", order, 1, ControlError), _largest_order(full))
-    return MPC(
+    return design_mpc(
         full.reduce(most).discretise(sample_time_s),
         measured=[channels],
         horizon=horizon,
@@ -80,7 +80,7 @@ def UniformityMPC(
     )
 
 
-def _from_room_to_point(model: LinearModel) -> LinearModel:
+def _from_room_to_point(model: StateSpace) -> StateSpace:
     """The model with the gain of the whole way from the room to the operating point. Cells give
     less heat per unit of duty the warmer the plate is, and a plan on the way needs the mean."""
     point = model.operating_point
@@ -91,12 +91,12 @@ def _from_room_to_point(model: LinearModel) -> LinearModel:
     return eqx.tree_at(lambda m: m.B, model, np.asarray(model.B) * share)
 
 
-def _largest_order(model: LinearModel) -> int:
+def _largest_order(model: StateSpace) -> int:
     return len(model.hankel_singular_values)
 
 
 def _element_errors(
-    model: LinearModel, channels: list[str]
+    model: StateSpace, channels: list[str]
 ) -> Float[np.ndarray, "elements channels"]:
     """What an error of 1 K of the model at each channel changes at each element."""
     elements = model.operating_point.elements

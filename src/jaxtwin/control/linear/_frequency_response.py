@@ -1,6 +1,8 @@
 r"""The frequency response of a linear model, with its delay and lag exact:
 
 $$G(j \omega) = \frac{C (j \omega I - A)^{-1} B + D}{1 + j \omega \tau} e^{-j \omega \theta}$$
+
+In discrete time $z = e^{j \omega T_s}$ stands in place of $j \omega$, and delay and lag are states.
 """
 
 from dataclasses import dataclass
@@ -14,7 +16,7 @@ from jaxtyping import Array, Complex, Float
 from ..._lapack import solve
 
 if TYPE_CHECKING:
-    from ._linear_model import LinearModel
+    from ._state_space import StateSpace
 
 
 @final
@@ -68,13 +70,15 @@ AT_ONCE = 256
 
 
 def frequency_response(
-    model: "LinearModel", omega: Float[np.ndarray, " frequency"]
+    model: "StateSpace", omega: Float[np.ndarray, " frequency"]
 ) -> Complex[np.ndarray, "frequency output input"]:
     """Computes the response of a model with NumPy numbers at frequencies, rad/s."""
     A, B, C, D = (np.asarray(matrix) for matrix in (model.A, model.B, model.C, model.D))
-    unit = np.eye(len(A))
-    parts = [omega[first : first + AT_ONCE] for first in range(0, len(omega), AT_ONCE)]
-    moved = [np.linalg.solve(1j * part[:, None, None] * unit - A, B) for part in parts]
+    unit, argument = np.eye(len(A)), 1j * omega
+    if model.sample_time_s is not None:
+        argument = np.exp(argument * model.sample_time_s)
+    parts = [argument[first : first + AT_ONCE] for first in range(0, len(omega), AT_ONCE)]
+    moved = [np.linalg.solve(part[:, None, None] * unit - A, B) for part in parts]
     response = C @ np.concatenate([np.zeros((0, *B.shape)), *moved]) + D
     driver = np.exp(-1j * omega * model.delay_s) / (1 + 1j * omega * model.lag_s)
     return response * driver[:, None, None]
@@ -82,7 +86,7 @@ def frequency_response(
 
 @jax.jit
 def traced_response(
-    model: "LinearModel", omega: Float[Array, " frequency"]
+    model: "StateSpace", omega: Float[Array, " frequency"]
 ) -> Complex[Array, "frequency output input"]:
     """Computes the response of a model inside JAX transformations."""
     A, B, C, D = (jnp.asarray(matrix) for matrix in (model.A, model.B, model.C, model.D))
@@ -91,7 +95,11 @@ def traced_response(
 
     def at(frequency: Float[Array, ""]) -> Complex[Array, "output input"]:
         # A complex system is solved as a real one of twice the size.
-        blocks = jnp.block([[-A, -frequency * unit], [frequency * unit, -A]])
+        x, y = jnp.zeros_like(frequency), frequency
+        if model.sample_time_s is not None:
+            angle = frequency * model.sample_time_s
+            x, y = jnp.cos(angle), jnp.sin(angle)
+        blocks = jnp.block([[x * unit - A, -y * unit], [y * unit, x * unit - A]])
         real, imaginary = jnp.split(solve(blocks, right), 2)
         response = C @ real + D + 1j * (C @ imaginary)
         late = jnp.exp(-1j * frequency * model.delay_s)

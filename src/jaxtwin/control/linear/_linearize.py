@@ -18,8 +18,8 @@ from ...errors import ControlError
 from ...matching import Fit, nominal_twin
 from ...physics import System, Twin
 from ...simulation import Run, assembled, check_values, input_levels, lagged_duty, stated_levels
-from ._linear_model import LinearModel
 from ._operating_point import OperatingPoint, Target, duty_for, slopes, target_of
+from ._state_space import StateSpace
 
 
 @runtime_checkable
@@ -111,7 +111,7 @@ def linearize(
     inputs: Mapping[str, Any] | None = None,
     run: Run | HasRun | None = None,
     time: float | int | None = None,
-) -> LinearModel:
+) -> StateSpace:
     r"""Linearises a twin at a steady state, or at a time of a run, by exact derivatives.
 
     With the temperatures of the nodes $x$, the duty of the cells $u$ and the readings of the
@@ -156,7 +156,7 @@ def linearize(
       behind delay and lag.
     - `time`: the time of the run, s; temperatures are linear between two samples.
 
-    **Returns:** a `LinearModel`, whose operating point has the duty and all temperatures.
+    **Returns:** a `StateSpace`, whose operating point has the duty and all temperatures.
 
     **Raises:** `ControlError` if not exactly one of duty, temperatures and run is given, if a time
     is given without a run or is outside of it, if they do not fit the rig, if no duty from -1 to 1
@@ -249,7 +249,7 @@ def model_at_rest(
     target: Target | None,
     ambient: Float[Array, ""] | None,
     levels: Float[Array, " inputs"] | None = None,
-) -> tuple[LinearModel, Float[Array, " targets"], Float[Array, ""]]:
+) -> tuple[StateSpace, Float[Array, " targets"], Float[Array, ""]]:
     """Computes the model, the temperatures that were reached, and the relative heat flow that is
     left in the steady state."""
     system = _under(twin.system(), levels)
@@ -269,14 +269,14 @@ def model_at_rest(
 
 
 @persistent_jit_unoptimised
-def _model_in_motion(twin: Twin, point: PointOfRun) -> LinearModel:
+def _model_in_motion(twin: Twin, point: PointOfRun) -> StateSpace:
     """The model at a state that is not at rest."""
     system = _under(twin.system(), point.levels)
     reference = jnp.asarray(point.ambient) + ZERO_CELSIUS
     nodes, duty = jnp.asarray(point.nodes) - point.ambient, jnp.asarray(point.duty)
     model, _ = _model(twin, system, nodes, duty, reference)
     rates = system.heat_into_nodes(nodes, duty, reference) / system.capacitance
-    return eqx.tree_at(lambda m: m.rates, model, rates, is_leaf=lambda leaf: leaf is None)
+    return eqx.tree_at(lambda m: m.offset, model, rates, is_leaf=lambda leaf: leaf is None)
 
 
 def _under(system: System, levels: Float[Array | np.ndarray, " inputs"] | None) -> System:
@@ -290,14 +290,14 @@ def _model(
     nodes: Float[Array, " nodes"],
     duty: Float[Array, " cells"],
     reference: Float[Array, ""],
-) -> tuple[LinearModel, Float[Array, "nodes cells"]]:
+) -> tuple[StateSpace, Float[Array, "nodes cells"]]:
     """Computes the model at a state, and the derivatives of the heat by the duty, W."""
     by_nodes, by_duty = slopes(system, nodes, duty, reference)
     zero = jnp.zeros((), reference.dtype)
     celsius = reference - ZERO_CELSIUS
     cells = tuple(cell.name for cell in twin.netlist.cells)
     states = tuple(node.name for node in twin.netlist.nodes)
-    model = LinearModel(
+    model = StateSpace(
         by_nodes / system.capacitance[:, None],
         by_duty / system.capacitance[:, None],
         jax.jacfwd(system.channel_temperatures)(nodes),

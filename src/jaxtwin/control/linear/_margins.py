@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from ...errors import ControlError
-from ._linear_model import LinearModel
+from ._state_space import StateSpace
 
 # The default frequencies, rad/s.
 OMEGA = np.geomspace(1e-6, 1e3, 6000)
@@ -76,7 +76,7 @@ def margins_text(peak: float, omega: float, disk: DiskMargin) -> str:
 
 
 def margins(
-    loop: LinearModel | Loop, *, omega: Float[np.ndarray, " frequency"] | None = None
+    loop: StateSpace | Loop, *, omega: Float[np.ndarray, " frequency"] | None = None
 ) -> Margins:
     """Computes gain and phase margin of a loop with a single channel: the smallest of each.
 
@@ -114,7 +114,7 @@ def margins(
 
 
 def sensitivity_peak(
-    loop: LinearModel | Loop, *, omega: Float[np.ndarray, " frequency"] | None = None
+    loop: StateSpace | Loop, *, omega: Float[np.ndarray, " frequency"] | None = None
 ) -> tuple[float, float]:
     """Computes the peak of the sensitivity, and its frequency, rad/s.
 
@@ -130,7 +130,7 @@ def sensitivity_peak(
 
 
 def disk_margin(
-    loop: LinearModel | Loop,
+    loop: StateSpace | Loop,
     *,
     skew: float = 0.0,
     omega: Float[np.ndarray, " frequency"] | None = None,
@@ -211,9 +211,9 @@ def _frequencies(omega: Float[np.ndarray, " frequency"] | None) -> Float[np.ndar
     return omega
 
 
-def _square(loop: LinearModel | Loop) -> Loop:
+def _square(loop: StateSpace | Loop) -> Loop:
     def response(omega: np.ndarray) -> np.ndarray:
-        source = loop.frequency_response if isinstance(loop, LinearModel) else loop
+        source = loop.frequency_response if isinstance(loop, StateSpace) else loop
         values = np.asarray(source(omega))
         if values.ndim == 1:
             values = values[:, None, None]
@@ -229,7 +229,7 @@ def _square(loop: LinearModel | Loop) -> Loop:
     return response
 
 
-def _scalar(loop: LinearModel | Loop) -> Loop:
+def _scalar(loop: StateSpace | Loop) -> Loop:
     square = _square(loop)
 
     def response(omega: np.ndarray) -> np.ndarray:

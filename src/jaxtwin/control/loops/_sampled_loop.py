@@ -1,6 +1,6 @@
 r"""The loop of a sampled controller and a linear plant, exact at the sample times.
 
-The plant under a held duty is that of `LinearModel.discretise`, with the driver's delay and lag;
+The plant under a held duty is that of `StateSpace.discretise`, with the driver's delay and lag;
 the controller is the linearisation of its `step` about the steady state. With
 $z = e^{j \omega h}$
 
@@ -33,9 +33,9 @@ from ..controllers._linear_controller import (
     linear_steps,
     response,
 )
-from ..linear._discrete_model import zero_order_hold
 from ..linear._linearize import model_at_rest
 from ..linear._operating_point import Target
+from ..linear._zero_order_hold import zero_order_hold
 
 # The distance from the unit circle that a pole may have by rounding. Two integrals of the same
 # output keep their initial difference, which is a pole at 1.

@@ -290,8 +290,8 @@ def scenario(
     if is_measured and not chosen.reads_room:
         raise ControlError(
             f"{where}: room_is_measured: expected a controller that reads the room, such as an MPC "
-            "or an LQI with an observer, MPC(..., observer=jaxtwin.observers.live_observer(twin)), "
-            f"got {chosen}"
+            "or an LQI with an observer, design_mpc(..., "
+            f"observer=jaxtwin.observers.live_observer(twin)), got {chosen}"
         )
     if isinstance(faults, str):
         faults = Faults.parse(faults)

@@ -17,9 +17,9 @@ from ...matching import Fit, nominal_twin
 from ...physics import Twin
 from ...rig import check_has_plate
 from ..controllers._duty_limits import bounds_of, checked_limits, limits_of_rig
-from ..linear._linear_model import LinearModel
 from ..linear._linearize import linearize
 from ..linear._operating_point import OperatingPoint
+from ..linear._state_space import StateSpace
 
 # The change of duty and places that makes a linearised plate most even, within a trust region.
 #
@@ -265,7 +265,7 @@ class _Plate(NamedTuple):
         return PlateRange().cost(self.linear)
 
 
-def _plate(model: LinearModel, elements: int, mean: float) -> _Plate:
+def _plate(model: StateSpace, elements: int, mean: float) -> _Plate:
     A, B, C = (np.asarray(matrix) for matrix in (model.A, model.B, model.C))
     nodes_by_duty = np.linalg.solve(-A, B)
     point = model.operating_point
