@@ -196,7 +196,7 @@ def controllers(
         "decoupled PI, tuned over draws": (over_draws.controller, pair),
         "LQI": (lqi, pair),
         "MPC": (mpc, pair),
-        "UniformityMPC": (even, REFERENCE),
+        "uniformity MPC": (even, REFERENCE),
     }
 
 
@@ -297,7 +297,7 @@ def page(answer: dict[str, Any]) -> str:
         f"(weights {1 - TAIL_WEIGHT} and {TAIL_WEIGHT}), with the limit of the peak in each draw. "
         "LQI has accepted deviations of 30 K s and of 0.5 in duty, MPC the default ones, a sample "
         "time of 5 s and a horizon of 12; both have models of 4 states beside those of delay and "
-        "lag. UniformityMPC has its defaults, on the linear model at a mean of 40 degC.\n\n"
+        "lag. The uniformity MPC has its defaults, on the linear model at a mean of 40 degC.\n\n"
     )
     work = [
         (f"{name}, {kind}", f"{row['cpu_s']:.1f}", f"{row['load']:.1f}", str(row["failed"]))

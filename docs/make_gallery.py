@@ -116,7 +116,7 @@ def main() -> None:
     runs, best = warmed(plate)
     write("plate-range", plots.plot_plate_range(runs, best), dpi=80)
     write("plate-seen", plots.plot_plate_seen(plate.rig, best), dpi=80)
-    side_by_side = {"MPC": runs["MPC, step"], "UniformityMPC": runs["UniformityMPC"]}
+    side_by_side = {"MPC": runs["MPC, step"], "uniformity MPC": runs["uniformity MPC"]}
     write("plates", plots.plot_plates(plate.rig, side_by_side, [30, 60, 600]), dpi=80)
     film = plots.animate_plate(plate.rig, shortened(side_by_side), frames=25, seconds=5)
     film.save(FOLDER / "plates.gif", dpi=50)
@@ -172,7 +172,7 @@ def warmed(twin: jt.Twin) -> tuple[dict[str, ClosedLoopRun], OperatingPoint]:
         for name, plan in plans.items()
     }
     even = design_uniformity_mpc(jt.linearize(twin, temperatures=40), limits=(0, 1))
-    runs["UniformityMPC"] = jt.simulate_closed_loop(twin, even, 40, duration=1200)
+    runs["uniformity MPC"] = jt.simulate_closed_loop(twin, even, 40, duration=1200)
     return runs, best
 
 
