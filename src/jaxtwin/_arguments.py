@@ -60,20 +60,42 @@ def whole_number(where: str, value: Any, least: int | None, error: Failure) -> i
     return number
 
 
-def finite_number(where: str, value: Any, error: Failure) -> float:
+def finite_number(
+    where: str,
+    value: Any,
+    error: Failure,
+    *,
+    above: float | None = None,
+    least: float | None = None,
+    below: float | None = None,
+    most: float | None = None,
+    unit: str = "",
+) -> float:
     """Checks a finite number of Python, NumPy or JAX, and returns it.
+
+    **Arguments:**
+
+    - `above`, `least`: the number must be above this one, or at least this one; None for any.
+    - `below`, `most`: it must be below this one, or at most this one; None for any.
+    - `unit`: its unit, for the message.
 
     **Raises:** `error` for anything else, also for true, false and text.
     """
     import numpy as np  # imported here, so that the command line's help is quick
 
-    expected = "a finite number"
+    ends = {"above": above, "of at least": least, "below": below, "of at most": most}
+    bounds = " and ".join(f"{word} {end:g}" for word, end in ends.items() if end is not None)
+    expected = f"a number {bounds}" if bounds else "a finite number"
+    if unit:
+        expected += f", in {unit}"
     if is_pint(value):  # whose unit a conversion would lose
         _refuse(where, value, f"{expected} without a unit", error)
     if np.ndim(value) or np.asarray(value).dtype.kind not in "iuf":
         _refuse(where, value, expected, error)
     number = float(value)
-    if not math.isfinite(number):
+    is_above = (above is None or number > above) and (least is None or number >= least)
+    is_below = (below is None or number < below) and (most is None or number <= most)
+    if not (math.isfinite(number) and is_above and is_below):
         _refuse(where, value, expected, error)
     return number
 

@@ -185,13 +185,8 @@ def isolability(
     **Raises:** the errors of `jaxtwin.observe`; `ObserverError` for unknown channels or faults, or
     if the experiment ends before the onset.
     """
-    begin = finite_number("isolability: onset", onset, ObserverError)
-    length = finite_number("isolability: duration", duration, ObserverError)
-    if begin < 0 or length <= 0:
-        raise ObserverError(
-            f"isolability: expected an onset of 0 s or more and a duration above 0, got {begin:g} "
-            f"and {length:g}"
-        )
+    begin = finite_number("isolability: onset", onset, ObserverError, least=0, unit="s")
+    length = finite_number("isolability: duration", duration, ObserverError, above=0, unit="s")
     twin = fit.mean_twin if isinstance(fit, Fit) else fit
     read = twin.channels
     if channels is not None:

@@ -342,13 +342,11 @@ class Session:
 
         **Raises:** `RecordingError` if duty or temperatures are missing altogether.
         """
-        step = finite_number("step", step, RecordingError)
+        step = finite_number("step", step, RecordingError, above=0, unit="s")
         start, end = (
             None if at is None else finite_number(name, at, RecordingError)
             for name, at in (("start", start), ("end", end))
         )
-        if step <= 0:
-            raise RecordingError(f"step: expected a number above 0, in s, got {step:g}")
         with damage_as_recording_error(self.file):
             # One moment of a file that may be growing.
             self.database.execute("BEGIN")

@@ -253,8 +253,7 @@ def prediction_band(
             f"recording: expected one of {', '.join(fit.recordings)}, got {recording!r}"
             f"{did_you_mean([recording], fit.recordings)}"
         )
-    if not 0 < finite_number("prediction_band: level", level, MatchError) < 1:
-        raise MatchError(f"prediction_band: level: expected a level between 0 and 1, got {level!r}")
+    finite_number("prediction_band: level", level, MatchError, above=0, below=1)
     if recording is None and experiment is not None and experiment.fingerprint in fit.fingerprints:
         recording = fit.recordings[fit.fingerprints.index(experiment.fingerprint)]
     if recording is None and experiment is not None and experiment.temperatures is not None:

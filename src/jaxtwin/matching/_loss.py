@@ -118,8 +118,7 @@ class Cauchy(AbstractLoss):
 
 
 def _check_threshold(name: str, threshold: float) -> None:
-    if not finite_number(f"{name}: threshold", threshold, MatchError) > 0:
-        raise MatchError(f"{name}: threshold: expected a number above 0, got {threshold!r}")
+    finite_number(f"{name}: threshold", threshold, MatchError, above=0)
 
 
 def checked_loss(loss: AbstractLoss | None) -> AbstractLoss | None:

@@ -60,9 +60,7 @@ def animate_plate(
     """
     runs = runs_of_plate("animate_plate", rig, run if isinstance(run, Mapping) else {"": run})
     frames = whole_number("animate_plate: frames", frames, 2, ParameterError)
-    seconds = finite_number("animate_plate: seconds", seconds, ParameterError)
-    if seconds <= 0:
-        raise ParameterError(f"animate_plate: seconds: expected more than 0, got {seconds:g}")
+    seconds = finite_number("animate_plate: seconds", seconds, ParameterError, above=0)
     shortest = min(runs.values(), key=lambda run: run.time[-1])
     times = np.linspace(shortest.time[0], shortest.time[-1], min(frames, len(shortest.time)))
     film = _Film(rig, runs, times)

@@ -146,9 +146,11 @@ def style(name: StyleName, *, width: float | int | None = None) -> Iterator[None
         raise ParameterError(f"style: width: expected None beside {name!r}, got {width!r}")
     look = _look.get()
     if name == "paper":
-        widest = COLUMN if width is None else finite_number("style: width", width, ParameterError)
-        if widest < 1.0:
-            raise ParameterError(f"style: width: expected 1 inch at least, got {widest:g}")
+        widest = (
+            COLUMN
+            if width is None
+            else finite_number("style: width", width, ParameterError, least=1.0, unit="inch")
+        )
         look = replace(look, scale=PAPER_SCALE, width=widest)
     else:
         look = replace(look, palette=GREY if name == "grey" else DARK)

@@ -204,10 +204,8 @@ def health(
     ahead = (
         when[-1] - when[0]
         if within is None
-        else finite_number("health: within", within, MatchError)
+        else finite_number("health: within", within, MatchError, least=0)
     )
-    if ahead < 0:
-        raise MatchError(f"health: within: expected a time of 0 or more, got {ahead:g}")
     bounds = _limits(limits, rig)
     estimates = [session.estimates for session in known.found.values()]
     free = dict.fromkeys(name for session in known.found.values() for name in session.free)
@@ -386,12 +384,9 @@ def _day(number: int, time: object) -> float:
 
 def _limits(given: Mapping[str, float | int] | None, rig: Rig) -> dict[str, float]:
     named = mapping_of("health: limits", given or {}, "parameter -> limit", MatchError)
-    result = {
-        name: finite_number(f"health: limits: {name}", limit, MatchError)
-        for name, limit in named.items()
-    }
-    for name, limit in result.items():
+    result = {}
+    for name, limit in named.items():
         row = rig.parameters.get(name)
-        if row is not None and row.is_logarithmic and limit <= 0:
-            raise MatchError(f"health: limits: {name}: expected a number above 0, got {limit:g}")
+        above = 0.0 if row is not None and row.is_logarithmic else None
+        result[name] = finite_number(f"health: limits: {name}", limit, MatchError, above=above)
     return result

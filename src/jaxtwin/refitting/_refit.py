@@ -179,13 +179,10 @@ def refit(
     `observe`.
     """
     of_kind("refit: fit", fit, Fit, "a Fit, as match gives it", MatchError)
-    factor = finite_number("refit: forgetting", forgetting, MatchError)
-    ahead = finite_number("refit: lead", lead, MatchError)
+    factor = finite_number("refit: forgetting", forgetting, MatchError, least=0)
+    ahead = finite_number("refit: lead", lead, MatchError, above=0, unit="s")
     most = whole_number("refit: changes", changes, 0, MatchError)
     whole_number("refit: max_iterations", max_iterations, 1, MatchError)
-    if factor < 0 or ahead <= 0:
-        what, number = ("forgetting", factor) if factor < 0 else ("lead", ahead)
-        raise MatchError(f"refit: {what}: expected a number above 0, got {number:g}")
     if controller is not None:
         of_kind("refit: controller", controller, AbstractController, "a controller", MatchError)
     several = as_experiments("refit: recordings", recordings, MatchError, fit.twin.rig)
@@ -275,9 +272,7 @@ def _in_window(recordings: Sequence[Experiment], window: float | int | None) -> 
     """The last `window` seconds of the recordings, all of them together."""
     if window is None:
         return list(recordings)
-    left = finite_number("refit: window", window, MatchError)
-    if left <= 0:
-        raise MatchError(f"refit: window: expected a number of seconds above 0, got {left:g}")
+    left = finite_number("refit: window", window, MatchError, above=0, unit="s")
     kept: list[Experiment] = []
     for recording in reversed(recordings):
         if left <= 0:

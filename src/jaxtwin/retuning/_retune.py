@@ -100,9 +100,7 @@ def retune(
     of_kind(f"{where}: fit", fit, Fit, "a Fit, as match gives it", ControlError)
     count = whole_number(f"{where}: draws", draws, 1, ControlError)
     seed = whole_number(f"{where}: seed", seed, 0, ControlError)
-    worse = finite_number(f"{where}: allowance", allowance, ControlError)
-    if worse < 0:
-        raise ControlError(f"{where}: allowance: expected a number of at least 0, got {worse:g}")
+    worse = finite_number(f"{where}: allowance", allowance, ControlError, least=0)
     twin = nominal_twin(f"{where}: fit", fit, ControlError)
     aim = checked_objective(where, objective, 0.0, twin.rig)
     if (aim.weights < 0).any():

@@ -46,10 +46,7 @@ def checked_spread(where: str, spread: float | int) -> float:
 
     **Raises:** `SimulationError` if it is not between 0 and 1.
     """
-    number = finite_number(where, spread, SimulationError)
-    if not 0 < number < 1:
-        raise SimulationError(f"{where}: expected a number between 0 and 1, got {spread}")
-    return number
+    return finite_number(where, spread, SimulationError, above=0, below=1)
 
 
 def normal_draws(

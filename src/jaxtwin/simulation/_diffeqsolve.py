@@ -84,8 +84,8 @@ def checked_method(
     for name, value, kind, expected in kinds:
         if value is not None:
             of_kind(name, value, kind, expected, SimulationError)
-    if dt0 is not None and finite_number("dt0", dt0, SimulationError) <= 0:
-        raise SimulationError(f"dt0: expected a number above 0, in s, or None, got {dt0!r}")
+    if dt0 is not None:
+        finite_number("dt0", dt0, SimulationError, above=0, unit="s")
     if stepsize_controller is not None:
         if not isinstance(stepsize_controller, diffrax.AbstractAdaptiveStepSizeController):
             raise SimulationError(

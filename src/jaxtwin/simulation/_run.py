@@ -346,9 +346,7 @@ class Run(AbstractResult):
                 "to_recording: noise: expected a number, in K, for a part of a run, got none"
             )
         size = self.twin.rig.noise if noise is None and self.twin is not None else noise
-        sd = finite_number("to_recording: noise", size, SimulationError)
-        if sd < 0:
-            raise SimulationError(f"to_recording: noise: expected at least 0 K, got {sd:g}")
+        sd = finite_number("to_recording: noise", size, SimulationError, least=0, unit="K")
         known = () if self.twin is None else self.twin.rig.inputs
         random = np.random.default_rng(whole_number("to_recording: seed", seed, 0, SimulationError))
         return Experiment(

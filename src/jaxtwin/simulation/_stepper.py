@@ -126,11 +126,8 @@ class Stepper(eqx.Module):
         longest_delay: float | int | None = None,
         is_whole_delay: bool = False,
     ):
-        size = finite_number("Stepper: step_size", step_size, SimulationError)
-        if size <= 0:
-            raise SimulationError(
-                f"Stepper: step_size: expected a number above 0, in s, got {step_size!r}"
-            )
+        where = "Stepper: step_size"
+        size = finite_number(where, step_size, SimulationError, above=0, unit="s")
         if not isinstance(twin, System):
             check_twin("Stepper: twin", twin, SimulationError)
             if not is_traced(twin):

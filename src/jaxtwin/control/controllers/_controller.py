@@ -452,12 +452,7 @@ def checked_sample_time(where: str, sample_time_s: object) -> float:
 
     **Raises:** `ControlError` if it is not a number above 0.
     """
-    number = finite_number(f"{where}: sample_time_s", sample_time_s, ControlError)
-    if number <= 0:
-        raise ControlError(
-            f"{where}: sample_time_s: expected a number above 0, in s, got {sample_time_s!r}"
-        )
-    return number
+    return finite_number(f"{where}: sample_time_s", sample_time_s, ControlError, above=0, unit="s")
 
 
 def means_of(

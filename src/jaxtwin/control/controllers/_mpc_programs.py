@@ -267,10 +267,7 @@ class AbstractEvennessCost(eqx.Module):
 
     def __check_init__(self) -> None:
         where = f"{type(self).__name__}: energy_price"
-        if finite_number(where, self.energy_price, ControlError) < 0:
-            raise ControlError(
-                f"{where}: expected a number of at least 0, K, got {self.energy_price:g}"
-            )
+        finite_number(where, self.energy_price, ControlError, least=0, unit="K")
 
 
 @final

@@ -134,12 +134,8 @@ def checked_rate(rate_limit: float | int, controller: str = "MPC") -> float:
 
     **Raises:** `ControlError` if it is not a number above 0.
     """
-    number = finite_number(f"{controller}: rate_limit", rate_limit, ControlError)
-    if number <= 0:
-        raise ControlError(
-            f"{controller}: rate_limit: expected a number above 0, 1/s, got {number:g}"
-        )
-    return number
+    where = f"{controller}: rate_limit"
+    return finite_number(where, rate_limit, ControlError, above=0, unit="1/s")
 
 
 def checked_control_horizon(control_horizon: Any, horizon: int, controller: str = "MPC") -> int:

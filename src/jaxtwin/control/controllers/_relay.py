@@ -113,9 +113,7 @@ class Relay(AbstractDutyLimitedController):
         self.check_parameters(amplitude=amplitude, bias=bias, hysteresis=hysteresis)
         self.amplitude, self.bias = as_parameter(amplitude), as_parameter(bias)
         self.hysteresis = as_parameter(hysteresis)
-        self.timeout_s = finite_number("Relay: timeout_s", timeout_s, ControlError)
-        if self.timeout_s <= 0:
-            raise ControlError(f"Relay: timeout_s: expected a number above 0, got {timeout_s!r}")
+        self.timeout_s = finite_number("Relay: timeout_s", timeout_s, ControlError, above=0)
         group = None if measured is None else [measured]
         self.measured = checked_measured("Relay", group)
         self.limits = checked_limits("Relay", limits)

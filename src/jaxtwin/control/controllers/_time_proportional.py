@@ -118,12 +118,14 @@ class TimeProportional(AbstractController):
                 f"{self.sample_time_s:g} s, at least two of them, got {period_s!r}"
             )
         for name in ("minimum_on_s", "minimum_off_s"):
-            value = getattr(self, name)
-            if not 0 <= value <= self.period_s:
-                raise ControlError(
-                    f"{where}: {name}: expected a time from 0 to the period of "
-                    f"{self.period_s:g} s, got {value:g}"
-                )
+            finite_number(
+                f"{where}: {name}",
+                getattr(self, name),
+                ControlError,
+                least=0,
+                most=self.period_s,
+                unit="s",
+            )
 
     def for_rig(self, rig: Rig) -> "TimeProportional":
         """Returns the controller with its controller's limits on a rig, whose heaters it switches.

@@ -186,11 +186,8 @@ class StateSpace(eqx.Module, AbstractResult):
         missing, or if the model is discrete.
         """
         self._check_continuous("discretise")
-        sample_time = finite_number("discretise: sample_time_s", sample_time_s, ControlError)
-        if sample_time <= 0:
-            raise ControlError(
-                f"discretise: sample_time_s: expected a number above 0, in s, got {sample_time:g}"
-            )
+        where = "discretise: sample_time_s"
+        sample_time = finite_number(where, sample_time_s, ControlError, above=0, unit="s")
         shifts = self._shifts(sample_time, longest_delay)
         with settings_for(self):
             time = jnp.asarray(sample_time, self.A.dtype)
@@ -674,10 +671,7 @@ def _python_control() -> Any:
 def _time(name: str, value: object) -> Any:
     if is_traced(value):
         return value
-    number = finite_number(f"StateSpace: {name}", value, ControlError)
-    if number < 0:
-        raise ControlError(f"StateSpace: {name}: expected 0 s or more, got {number:g} s")
-    return number
+    return finite_number(f"StateSpace: {name}", value, ControlError, least=0, unit="s")
 
 
 def _offset(offset: ArrayLike, states: int) -> Any:

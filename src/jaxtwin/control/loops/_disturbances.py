@@ -101,10 +101,8 @@ def disturbance_tables(
                 heat[during, columns[element]] += q / len(elements)
             else:
                 film = finite_number(
-                    f"{at}.film_coefficient", disturbance.film_coefficient, ControlError
+                    f"{at}.film_coefficient", disturbance.film_coefficient, ControlError, least=0
                 )
-                if film < 0:
-                    raise ControlError(f"{at}.film_coefficient: expected at least 0, got {film:g}")
                 left, right, top, bottom = plate.extent(element)
                 area = (right - left) * (bottom - top)
                 conductance[during, columns[element]] += film * area

@@ -278,9 +278,7 @@ def scenario(
     times = sample_times(where, duration, interval)
     weights = np.asarray(chosen.output_weights(plant.channels), float)
     reference = reference_samples(f"{where}: references", references, times, len(weights))
-    silence = finite_number(f"{where}: silence", silence, ControlError)
-    if silence < 0:
-        raise ControlError(f"{where}: silence: expected at least 0 s, got {silence:g} s")
+    silence = finite_number(f"{where}: silence", silence, ControlError, least=0, unit="s")
     if isinstance(disturbances, Draught | HeatInput) or not isinstance(disturbances, Iterable):
         raise ControlError(
             f"{where}: disturbances: expected a list of Draught and HeatInput, got {disturbances!r}"

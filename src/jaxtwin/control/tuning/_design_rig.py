@@ -104,9 +104,7 @@ def design_rig(
     unevenness = _unevenness(plant.rig, objective)
     names = _moving(plant.rig, moving)
     copies = _copies(plant.rig, names, further_cells)
-    apart = finite_number(f"{WHERE}: clearance", clearance, ControlError)
-    if apart < 0:
-        raise ControlError(f"{WHERE}: clearance: expected at least 0 m, got {apart:g}")
+    apart = finite_number(f"{WHERE}: clearance", clearance, ControlError, least=0, unit="m")
     searches = whole_number(f"{WHERE}: starts", starts, 1, ControlError)
     random = np.random.default_rng(whole_number(f"{WHERE}: seed", seed, 0, ControlError))
     low, high = bounds_of(checked_limits(WHERE, limits))

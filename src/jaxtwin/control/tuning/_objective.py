@@ -71,9 +71,7 @@ def checked_objective(
     **Raises:** `ControlError` for anything else, for unknown measures, for measures without a
     derivative, and for those of the plate if the rig has none.
     """
-    tail = finite_number(f"{where}: tail_weight", tail_weight, ControlError)
-    if not 0 <= tail <= 1:
-        raise ControlError(f"{where}: tail_weight: expected a number from 0 to 1, got {tail:.10g}")
+    tail = finite_number(f"{where}: tail_weight", tail_weight, ControlError, least=0, most=1)
     of_rig = measures_of(len(rig.plate.element_names))
     measures: dict[str, Measure] = {name: function for name, (function, _) in of_rig.items()}
     at = f"{where}: objective"

@@ -374,12 +374,7 @@ class TuningProblem(NamedTuple):
 def _checked_limit(where: str, limit: object) -> float | None:
     if limit is None:
         return None
-    number = finite_number(f"{where}: sensitivity_limit", limit, ControlError)
-    if number <= 1:
-        raise ControlError(
-            f"{where}: sensitivity_limit: expected a number above 1, or None, got {number:g}"
-        )
-    return number
+    return finite_number(f"{where}: sensitivity_limit", limit, ControlError, above=1)
 
 
 def _plant_draws(
