@@ -75,7 +75,7 @@ def _fit_of_tables(
     group_names = tuple(dict.fromkeys(record.group for record in stored.recordings.values()))
     unknowns = _unknowns(rig, stored, group_names)
     _check_own_values(source, data, names, unknowns)
-    vector = _vector(unknowns, group_names, values)
+    vector = _vector(unknowns, values)
     known = _uncertainty(source, stored, unknowns, group_names, vector)
     sample_weights = _weights_of_all(source, stored, "sample_weights")
     noise_model = _noise_model(source, stored)
@@ -261,18 +261,14 @@ def _check_own_values(
 
 
 def _vector(
-    unknowns: Unknowns, group_names: Sequence[str], values: Sequence[Mapping[str, float]]
+    unknowns: Unknowns, values: Sequence[Mapping[str, float]]
 ) -> Float[np.ndarray, " unknowns"]:
-    """The optimiser's vector: shared values, then those of each group, then of each recording."""
-    return np.array(
-        [row.to_entry(values[0][row.name]) for row in unknowns.shared]
-        + [
-            row.to_entry(values[unknowns.group_numbers.index(group)][row.name])
-            for group in range(len(group_names))
-            for row in unknowns.per_group
-        ]
-        + [row.to_entry(own[row.name]) for own in values for row in unknowns.per_recording]
-    )
+    """The optimiser's vector, from the values of each recording."""
+    rows = unknowns.shared + unknowns.per_group + unknowns.per_recording
+    vector = np.zeros(unknowns.size)
+    for indices, own in zip(unknowns.layout.entry_indices(), values, strict=True):
+        vector[indices] = [row.to_entry(own[row.name]) for row in rows]
+    return vector
 
 
 def _loss(source: str, stored: StoredFit) -> AbstractLoss | None:
