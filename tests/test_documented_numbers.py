@@ -136,7 +136,7 @@ def test_a_number_that_other_tests_replace_is_this_for_users(path):
 
 FORMATS = {
     "jaxtwin.sweeps._plan.FORMAT": 2,
-    "jaxtwin.matching._save_fit.FORMAT": 1,
+    "jaxtwin.matching._stored_fit.FORMAT": 1,
     "jaxtwin.live.protocol._messages.VERSION": 2,
 }
 

@@ -13,7 +13,7 @@ def toml_inline(value: Any) -> str:
     if isinstance(value, Mapping):
         kept = {key: entry for key, entry in value.items() if entry is not None}
         return f"{{ {', '.join(f'{toml_key(k)} = {toml_inline(v)}' for k, v in kept.items())} }}"
-    if isinstance(value, list):
+    if isinstance(value, list | tuple):
         return f"[{', '.join(map(toml_inline, value))}]"
     if isinstance(value, bool | np.bool_):
         return "true" if value else "false"

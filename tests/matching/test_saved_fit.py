@@ -253,19 +253,48 @@ def test_a_rig_that_is_not_as_its_file_says_must_be_given(
     [
         (r"(?s)\n\[fit\].*", "", r"fit: expected a file that Fit.save wrote"),
         (r"\nformat = 1", "\nformat = 2", r"fit.format: expected 1, got 2"),
-        (r"\nrmse = .*", "", r"fit.rmse: expected what every"),
+        (r"\nrmse = .*", "", r"fit.rmse: missing, every file needs it here"),
         (r"\nrmse = .*", "\nrmse = 'low'", r"fit.rmse: expected a valid number.*, got 'low'"),
         (r"\nrmse = .*", "\nrmse = nan", r"fit.rmse: expected a finite number.*, got nan"),
         (r"\nconverged = .*", "\nconverged = 1", r"fit.converged: expected a valid bo.*, got 1"),
         (r"\ncovariance = \[\n.*", "\ncovariance = [", r"fit.unknowns.covariance: expected 4"),
-        (r"\nlabels = .*", "\nlabels = ['R_E']", r"fit.unknowns.labels: expected .* got R_E"),
-        (r"\nC_load = .*", "", r"parameters.C_load: expected a row for each.*, got None"),
+        (
+            r"\nlabels = .*",
+            "\nlabels = ['R_E']",
+            r"prior_to_data_ratio: expected 1 numbers, one for",
+        ),
+        (
+            r"\nlabels = .*",
+            "\nlabels = ['R_E', 'a', 'b', 'c']",
+            r"fit.unknowns.labels: expected .* got R_E, a, b, c",
+        ),
+        (
+            r"\nnoise = \[\n.*",
+            "\nnoise = [{ standard_deviation = -1.0, autocorrelation_time = 1.0 },",
+            r"fit.noise.0: expected finite numbers, 0 or above, got .*-1.0",
+        ),
+        (
+            r"\nC_load = {(.*)free = true",
+            r"\nC_load = {\1free = 1",
+            r"C_load.free: expected a valid",
+        ),
+        (
+            r"\nchannel_weights = \[\n    \[\d+",
+            "\nchannel_weights = [\n    [1000000000000000",
+            r"fit.recordings.monday.channel_weights: expected weights of 61 samples, got 10000",
+        ),
+        (
+            r"(?s)\n\[fit.recordings.*",
+            "\n[fit.recordings]",
+            r"recordings: expected at least 1 entr",
+        ),
+        (r"\nC_load = .*", "", r"parameters.C_load: expected a row for each.*, got none"),
         (
             r"\nC_load = { value = .*?,",
             "\nC_load = { value = nan,",
             r"C_load: .*got nan",
         ),
-        (r"\[fit.parameters.R_E\]\n", "[fit.more]\n", r"fit.parameters.R_E: expected .* got None"),
+        (r"\[fit.parameters.R_E\]\n", "[fit.more]\n", r"fit.parameters.R_E: expected .* got none"),
         (r"\ninitial = .*", "\ninitial = inf", r"fit.parameters.C_load.initial: .*got inf"),
         (
             r"\nsamples = 61",

@@ -17,7 +17,8 @@ covariance is $A^{-1} (J^T \Gamma J + P) A^{-1}$ with $A = J^T J + P$. Which fil
   `_optimistix` (other solvers), `_reweighted_least_squares` (rounds with new weights)
 - the uncertainty: `_uncertainty`, `_autocovariance` ($\Gamma$), `_model_error`
 - the entries: `_match`, `_many` (sets side by side), `_match_group` (a new group)
-- the result: `_fit`, `_fitted_parameters`, `_summary`, `_save_fit`, `_load_fit`, `_nominal_twin`
+- the result: `_fit`, `_fitted_parameters`, `_summary`, `_nominal_twin`
+- its file: `_stored_fit` (what it holds), `_save_fit`, `_load_fit`
 - what follows from it: `_band`, `_profile`, `_compare_fits`
 - a recording that was not matched: `_initial_conditions`, `_initial_condition_priors`
 """

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from .._name_suggestions import unknown_name
 from .._statistics import QUANTILE_975
 from ..errors import ParameterError
-from ..rig import Scope
+from ..rig import Parameter, Scope
 from ._group_values import new_group_values
 from ._problem import MatchProblem
 from ._start import replaced_by_recorded_room
@@ -91,6 +91,15 @@ class FittedParameters(dict[str, FittedParameter]):
 
     def __missing__(self, name: object) -> FittedParameter:
         raise ParameterError(f"fit: {unknown_name('parameter', str(name), self)}")
+
+
+def matched_parameter(row: FittedParameter, parameter: Parameter) -> Parameter:
+    """A parameter of the rig with the value, the bounds and the scope of its match. If it was free,
+    also with the prior of the match: that of a refit is not the rig's."""
+    names = ["value", "lower", "upper", "free", "scope"]
+    if row.free:
+        names += ["prior_value", "prior_spread", "group_spread"]
+    return replace(parameter, **{name: getattr(row, name) for name in names})
 
 
 def fitted_parameters(

@@ -66,9 +66,11 @@ from ._plate import AMBIENT as AMBIENT
 from ._plate import FILM_REFERENCE as FILM_REFERENCE
 from ._rig import check_has_plate as check_has_plate
 from ._schema import Format as Format
+from ._schema import ParameterTable as ParameterTable
 from ._schema import SchemaTable as SchemaTable
 from ._schema import Text as Text
 from ._schema import validate as validate
+from ._schema import validation_message as validation_message
 from ._toml import parse_toml as parse_toml
 from ._toml import read_toml as read_toml
 from ._toml import refuse as refuse

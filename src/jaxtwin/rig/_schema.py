@@ -438,7 +438,7 @@ def validate(model: type[Model], data: dict[str, Any], source: str) -> Model:
         return model.model_validate(data)
     except pydantic.ValidationError as problem:
         first = problem.errors(include_url=False)[0]
-        refuse(source, _path(data, first["loc"]), _message(first))
+        refuse(source, _path(data, first["loc"]), validation_message(first))
 
 
 def _path(data: Any, location: tuple[int | str, ...]) -> str:
@@ -452,7 +452,8 @@ def _path(data: Any, location: tuple[int | str, ...]) -> str:
     return path.removeprefix(".")
 
 
-def _message(error: Any) -> str:
+def validation_message(error: Any) -> str:
+    """One of the errors that pydantic found, as messages say it."""
     if error["type"] == "missing":
         return "missing, every file needs it here"
     if error["type"] == "value_error":
