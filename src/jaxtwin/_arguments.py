@@ -65,10 +65,10 @@ def finite_number(
     value: Any,
     error: Failure,
     *,
-    above: float | None = None,
-    least: float | None = None,
-    below: float | None = None,
-    most: float | None = None,
+    above: float | int | None = None,
+    least: float | int | None = None,
+    below: float | int | None = None,
+    most: float | int | None = None,
     unit: str = "",
 ) -> float:
     """Checks a finite number of Python, NumPy or JAX, and returns it.

@@ -149,7 +149,7 @@ def style(name: StyleName, *, width: float | int | None = None) -> Iterator[None
         widest = (
             COLUMN
             if width is None
-            else finite_number("style: width", width, ParameterError, least=1.0, unit="inch")
+            else finite_number("style: width", width, ParameterError, least=1.0, unit="inches")
         )
         look = replace(look, scale=PAPER_SCALE, width=widest)
     else:
