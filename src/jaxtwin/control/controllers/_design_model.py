@@ -28,19 +28,26 @@ def outputs_of(
     **Raises:** `ControlError` for an unknown channel.
     """
     weights = [means_of(measured, model.output_names) for measured in groups]
-    stacked = np.vstack(weights)
+    stacked, ends = np.vstack(weights), np.cumsum([len(rows) for rows in weights])[:-1]
     names = [f"y{row + 1}" for row in range(len(stacked))]
     together = model.with_outputs(stacked, names).without_feedthrough()
-    A, B, C = (np.asarray(part, float) for part in (together.A, together.B, together.C))
-    point, (cells,) = together.operating_point, B.shape[1:]
-    duty = np.broadcast_to(np.asarray(point.duty, float), (cells,)).copy()
-    ends = np.cumsum([len(rows) for rows in weights])
+    C, at = np.asarray(together.C), np.asarray(together.operating_point.outputs)
+    sets = zip(np.vsplit(C, ends), np.split(at, ends), strict=True)
+    return tuple(with_temperatures(together, *rows) for rows in sets)
+
+
+def with_temperatures(
+    model: StateSpace, C: Float[np.ndarray, "rows state"], at: Float[np.ndarray, " rows"]
+) -> StateSpace:
+    """The states of a discrete model with other temperatures as its outputs.
+
+    **Arguments:**
+
+    - `C`, `at`: the rows of the model, and the temperatures at the operating point, degC.
+    """
+    A, B, point = np.asarray(model.A), np.asarray(model.B), model.operating_point
     assert model.sample_time_s is not None
-    first = np.vsplit(C, ends[:-1]), np.split(np.asarray(point.outputs, float), ends[:-1])
-    return tuple(
-        linear_plant((A, B, rows), duty, at, model.sample_time_s, point.rig)
-        for rows, at in zip(*first, strict=True)
-    )
+    return linear_plant((A, B, C), np.asarray(point.duty), at, model.sample_time_s, point.rig)
 
 
 def linear_plant(

@@ -53,7 +53,7 @@ from ._controller_fields import (
     ControllerField,
     FileContents,
 )
-from ._design_model import check_plant, linear_plant, outputs_of
+from ._design_model import check_plant, outputs_of, with_temperatures
 from ._duty_limits import GivenLimits, checked_limits
 from ._kalman import (
     AbstractEstimator,
@@ -262,8 +262,8 @@ class MPC(AbstractPredictiveController):
         """Returns the controller that the same model gives with other deviations and noises."""
         plant = MPCPlant(
             self.model,
-            _with_rows(self.model, np.asarray(self.watched.C), np.asarray(self.watched.at)),
-            _with_rows(self.model, np.zeros((0, len(self.model.A))), np.zeros(0)),
+            with_temperatures(self.model, np.asarray(self.watched.C), np.asarray(self.watched.at)),
+            with_temperatures(self.model, np.zeros((0, len(self.model.A))), np.zeros(0)),
         )
         mpc = _design(
             plant,
@@ -317,7 +317,7 @@ class MPC(AbstractPredictiveController):
                 "point_names": tuple(even.points.names),
                 "point_errors": even.point_errors,
             }
-        plant = MPCPlant(model, _with_rows(model, C, at), _with_rows(model, *points))
+        plant = MPCPlant(model, with_temperatures(model, C, at), with_temperatures(model, *points))
         kalman = read_filter(contents, plant.outputs, plant.read)
         excess = settings.setdefault("excess_deviation", DEFAULT_EXCESS)
         try:
@@ -578,15 +578,6 @@ def design_mpc(
         preview=preview,
     )
     return replace(mpc, observed=twin_estimator("MPC", observer, model, plant.read, mpc.kalman))
-
-
-def _with_rows(
-    model: StateSpace, C: Float[np.ndarray, "rows state"], at: Float[np.ndarray, " rows"]
-) -> StateSpace:
-    """The model with other temperatures as its outputs, degC at the operating point."""
-    matrices, point = (np.asarray(model.A), np.asarray(model.B), C), model.operating_point
-    assert model.sample_time_s is not None
-    return linear_plant(matrices, np.asarray(point.duty), at, model.sample_time_s, point.rig)
 
 
 def _design(plant: MPCPlant, *, drift: Numbers, reading_noise: Numbers, **settings: Any) -> MPC:
