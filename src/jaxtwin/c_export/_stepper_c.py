@@ -13,7 +13,7 @@ import numpy as np
 from .._celsius import ZERO_CELSIUS
 from .._jax_settings import own_settings
 from ..control import LawTable
-from ..physics import DUTY_SMOOTHING, STEFAN_BOLTZMANN
+from ..physics import STEFAN_BOLTZMANN
 from ..rig import Parameter
 from ..simulation import Stepper
 from ._input_tables import input_constants, input_lines, input_numbers, input_tables
@@ -170,7 +170,7 @@ def stepper_constants(stepper: Stepper, sizes: StepperSizes) -> dict[str, int | 
     if bridge.own_supply:
         result["HAS_POWERS"] = 1
     if bridge.drive_exponent is not None:
-        result |= {"HAS_DRIVE_LAW": 1, "DUTY_SMOOTHING_SQUARE": DUTY_SMOOTHING**2}
+        result["HAS_DRIVE_LAW"] = 1
     if sizes.has_lag:
         result["HAS_LAG"] = 1
     if sizes.has_reservoirs:
@@ -192,7 +192,6 @@ COMMENTS = {
     "IMAX": "through a connected cell, A",
     "LOSSES": "paths of losses that are not linear",
     "PLATE_LOSSES": "of the plate, the first of them",
-    "DUTY_SMOOTHING_SQUARE": "square of the duty below which heat is proportional to it",
     "EFFECTS": "of the inputs, those of BODIES and LINKS and of the supply",
     "SHARES": "of states, and the inputs",
     "PARAMETERS": "that can be set",

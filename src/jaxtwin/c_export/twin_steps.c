@@ -63,6 +63,14 @@ static void model_effects(MODEL_OF_INSTANCE const model_real *inputs, model_real
 #define MODEL_SUPPLY(effects) MODEL_VS
 #endif
 
+/* The share of its power that a heater gives. */
+#ifdef MODEL_HAS_DRIVE_LAW
+#include "../physics/laws/share_of_duty.c"
+#define MODEL_SHARE(cell, duty, share) model_share_of_duty(duty, model_drive_exponent[cell])
+#else
+#define MODEL_SHARE(cell, duty, share) (share)
+#endif
+
 /* Peltier and Joule heat of a cell into its two sides, W; temperatures in K. Those of a heater are
    the same node. */
 static void model_heat(MODEL_OF_INSTANCE int cell, model_real duty, model_real cold,
@@ -92,14 +100,7 @@ static void model_heat(MODEL_OF_INSTANCE int cell, model_real duty, model_real c
     model_real joule = (model_real)0.5 * model_R[cell] * square;
 #ifdef MODEL_HAS_POWERS
     if (model_power[cell] > 0) {
-#ifdef MODEL_HAS_DRIVE_LAW
-        const model_real smooth = MODEL_DUTY_SMOOTHING_SQUARE;
-        joule = duty * model_exp((model_real)0.5 * (model_drive_exponent[cell] - 1)
-                                 * model_log((duty * duty + smooth) / (1 + smooth)));
-        joule *= (model_real)0.5 * model_power[cell];
-#else
-        joule = (model_real)0.5 * share * model_power[cell];
-#endif
+        joule = (model_real)0.5 * model_power[cell] * MODEL_SHARE(cell, duty, share);
     }
 #endif
     flow[0] = joule - peltier * cold;

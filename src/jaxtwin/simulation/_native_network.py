@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 from .._celsius import ZERO_CELSIUS
 from .._compilation import persistent_jit
 from .._sparse import SparseLU
-from ..physics import DUTY_SMOOTHING, STEFAN_BOLTZMANN, System, Twin, Wiring
+from ..physics import STEFAN_BOLTZMANN, System, Twin, Wiring
 from ._initial import CheckedInitial, initial_temperatures, keeps_symmetry
 from ._native_inputs import InputLayout, NativeInputs
 from ._rosenbrock_step import CORRECTION, DENSE, GAMMA, NODES, SLOPE_TABLE, STATE_TABLE, TIME
@@ -134,7 +134,6 @@ class NativeNetwork:
             "ON_OFF": wiring.averaging == "on-off",
             "BRAKE": wiring.off_phase == "brake",
             "HAS_DRIVE_LAW": wiring.drive_exponents is not None,
-            "DUTY_SMOOTHING_SQUARE": DUTY_SMOOTHING**2,
             "HAS_LAG": wiring.lag is not None,
             "HAS_DRIFT": wiring.ambient_drift is not None,
             "METHOD_GAMMA": GAMMA,

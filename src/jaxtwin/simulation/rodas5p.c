@@ -202,17 +202,22 @@ static inline pairs power(pairs base, pairs exponent)
 }
 
 #if HAS_DRIVE_LAW
-/* The share of its power that a heater gives at a duty (physics/_driver.py), and its derivative. */
-static lanes share_of_duty(lanes duty, lanes exponent, lanes *slope)
+static lanes power_of_each(lanes base, lanes exponent)
 {
-    const lanes square = duty * duty + DUTY_SMOOTHING_SQUARE, half = 0.5 * (exponent - 1);
-    lanes factor;
     for (int l = 0; l < LANES; ++l) {
-        factor[l] = pow(square[l] / (1 + DUTY_SMOOTHING_SQUARE), half[l]);
+        base[l] = pow(base[l], exponent[l]);
     }
-    *slope = factor * (1 + 2 * half * duty * duty / square);
-    return duty * factor;
+    return base;
 }
+
+#define model_real lanes
+#define model_number (double)
+#define model_raised power_of_each
+#include "../physics/laws/share_of_duty.c"
+#include "../physics/laws/share_of_duty_slopes.c"
+#undef model_real
+#undef model_number
+#undef model_raised
 #endif
 
 static struct drive drive_of(const struct numbers *of, int cell,
@@ -225,7 +230,8 @@ static struct drive drive_of(const struct numbers *of, int cell,
     by.sign = network_is_heater[cell] ? one : choose(duty > 0, one, choose(duty < 0, -one, none));
     if (network_has_own_supply[cell]) {
 #if HAS_DRIVE_LAW
-        by.share = share_of_duty(duty, of->drive_exponent[cell], &by.sign);
+        by.share = model_share_of_duty(duty, of->drive_exponent[cell]);
+        model_share_of_duty_slopes(duty, of->drive_exponent[cell], &by.sign);
 #endif
         by.voltage = of->own_voltage[cell];
         by.conductance = 1 / of->resistance[cell];
