@@ -56,6 +56,19 @@ def test_an_exponential_that_is_no_power_is_refused():
         traced(lambda x: jax.lax.exp(x))
 
 
+@pytest.mark.parametrize(
+    ("law", "terms"),
+    [
+        (lambda x: 1 * x + 0 * x - 0, ["x"]),
+        (lambda x: 2 * x + -(x * 3), [("-", ("*", 2.0, "x"), ("*", "x", 3.0))]),
+        (lambda x: x**-2, [("/", 1.0, ("*", "x", "x"))]),
+    ],
+    ids=["factors 0 and 1", "signs", "a negative power"],
+)
+def test_terms_are_simplified(law: Callable, terms: list):
+    assert traced(law) == terms
+
+
 def of_c(file: Path, call: str, rows: np.ndarray, folder: Path) -> np.ndarray:
     """Two numbers that a call in C gives for each row of arguments."""
     count = rows.shape[1]

@@ -63,12 +63,8 @@ static void model_effects(MODEL_OF_INSTANCE const model_real *inputs, model_real
 #define MODEL_SUPPLY(effects) MODEL_VS
 #endif
 
-/* The share of its power that a heater gives. */
 #ifdef MODEL_HAS_DRIVE_LAW
 #include "../physics/laws/share_of_duty.c"
-#define MODEL_SHARE(cell, duty, share) model_share_of_duty(duty, model_drive_exponent[cell])
-#else
-#define MODEL_SHARE(cell, duty, share) (share)
 #endif
 
 /* Peltier and Joule heat of a cell into its two sides, W; temperatures in K. Those of a heater are
@@ -100,7 +96,12 @@ static void model_heat(MODEL_OF_INSTANCE int cell, model_real duty, model_real c
     model_real joule = (model_real)0.5 * model_R[cell] * square;
 #ifdef MODEL_HAS_POWERS
     if (model_power[cell] > 0) {
-        joule = (model_real)0.5 * model_power[cell] * MODEL_SHARE(cell, duty, share);
+        joule = (model_real)0.5 * model_power[cell];
+#ifdef MODEL_HAS_DRIVE_LAW
+        joule *= model_share_of_duty(duty, model_drive_exponent[cell]);
+#else
+        joule *= share;
+#endif
     }
 #endif
     flow[0] = joule - peltier * cold;

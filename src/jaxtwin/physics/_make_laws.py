@@ -145,6 +145,8 @@ def _power(a: Term) -> Term:
 
 
 def _whole_power(a: Term, exponent: int) -> Term:
+    if exponent <= 0:
+        return 1.0 if exponent == 0 else _term("/", 1.0, _whole_power(a, -exponent))
     return a if exponent == 1 else _term("*", _whole_power(a, exponent - 1), a)
 
 

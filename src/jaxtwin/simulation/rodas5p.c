@@ -310,9 +310,6 @@ static inline lanes supply_power(const struct numbers *of, int cell, const struc
 #define model_raised power
 #include "../physics/laws/lost_heat.c"
 #include "../physics/laws/lost_heat_slopes.c"
-#undef model_real
-#undef model_number
-#undef model_raised
 
 /* The last arguments of the law: the constants of two paths. */
 #if HAS_FAR_ENDS
@@ -428,12 +425,8 @@ static void step_matrix(struct workspace *w, lanes size, lanes ambient, lanes dr
     }
     for (int k = 0; k < LOSSES; k += 2) {
         const int *node = network_loss_node + k;
-#if HAS_FAR_ENDS
         const lanes first = far_end(of, k, w->state, ambient);
         const lanes second = far_end(of, k + 1, w->state, ambient);
-#else
-        const lanes first = ambient, second = ambient;
-#endif
         const pairs rise = pair(w->state[node[0]] - first, w->state[node[1]] - second);
         const pairs ends = pair(reference + first, reference + second);
         pairs by_near, by_far;
