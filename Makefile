@@ -29,7 +29,7 @@ NEWEST ?= $(firstword $(shell for python in python3.13 \
     "$${PYENV_ROOT:-$$HOME/.pyenv}"/versions/3.13.*/bin/python; do \
     "$$python" -c pass 2>/dev/null && echo "$$python"; done))
 
-.PHONY: help bench bench-gpu hazards demo docs test test-slow test-all test-long test-lowest test-newest lint types lab notebook notebook-check pictures wheel-check clean
+.PHONY: help bench bench-gpu hazards demo docs laws test test-slow test-all test-long test-lowest test-newest lint types lab notebook notebook-check pictures wheel-check clean
 
 help:
 	@echo "make demo         simulate, match and analyse the paper's rig; writes report/index.html"
@@ -41,6 +41,7 @@ help:
 	@echo "make notebook     run the notebooks again, in place; notebook-check runs them from the wheel"
 	@echo "make lab          open the notebooks in JupyterLab; ARGS=--no-browser on a server"
 	@echo "make docs         build the documentation site, build/site/index.html, and check its links"
+	@echo "make laws         write the laws of heat as C and SPICE again, from those in Python"
 	@echo "make pictures     draw the pictures of the documentation again"
 	@echo "make wheel-check  build sdist and wheel, check both, and use the wheel from a fresh environment"
 	@echo "make test-lowest  a selection on the oldest libraries that pyproject.toml allows"
@@ -106,6 +107,9 @@ docs: $(INSTALLED_DOCS)
 pictures: $(INSTALLED)
 	$(BIN)/python docs/make_gallery.py
 	$(BIN)/python docs/make_pictures.py
+
+laws: $(INSTALLED)
+	$(BIN)/python -m jaxtwin.physics._make_laws
 
 # The wheel must carry the data files as they are, and need nothing but what it names: it is installed
 # in an empty environment and used from outside the checkout. `twine check` renders the README.

@@ -6,14 +6,15 @@ from pathlib import Path
 import pytest
 from exported_controllers import KEYS, c_of, controller_of
 
-from jaxtwin import Stepper, Twin, control, fmu, linearize
+from jaxtwin import Stepper, Twin, control, fmu, linearize, physics
 from jaxtwin.c_export import _sources, export_c
 
 LAWS = Path(control.__file__).parent / "controllers" / "laws"
+HEAT_LAWS = Path(physics.__file__).parent / "laws"
 
 FILES = sorted(
     file
-    for folder in (_sources.FOLDER, LAWS, Path(fmu.__file__).parent)
+    for folder in (_sources.FOLDER, LAWS, HEAT_LAWS, Path(fmu.__file__).parent)
     for file in folder.iterdir()
     if file.suffix in (".c", ".h")
 )

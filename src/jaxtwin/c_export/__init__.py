@@ -6,7 +6,7 @@ exported files into them, and writes the header with sizes and numbers, which `_
 `_discrete_model_c`, `_observer_c` and `_stepper_c` (with `_input_tables`) compute. In
 `parametric_twin.c`, which is for an FMU, C itself computes the numbers of a twin from its
 parameters, by the tables of `_parametric_twin_c`. A controller's class gives its law, whose C is in
-`control/controllers/laws/`.
+`control/controllers/laws/`. The laws of losses and heaters are generated, in `physics/laws/`.
 """
 
 from .._faces import attach

@@ -192,13 +192,13 @@ def whole_numbers(name: str, key: str, values: Sequence[int], comment: str = "")
 
 
 def included(file: Path, given: Mapping[str, str]) -> str:
-    """The text of a file with those parts that it includes and that stand beside it or are given.
+    """The text of a file with the parts that it includes, given ones and those at a path from it.
 
     A part is included where it is asked for, so that each exported model is a single source.
     """
 
     def part(match: re.Match[str]) -> str:
-        beside = file.with_name(match[1])
+        beside = file.parent / match[1]
         if match[1] in given:
             return given[match[1]]
         return included(beside, given) if beside.exists() else match[0]

@@ -13,8 +13,8 @@ import numpy as np
 from .._celsius import ZERO_CELSIUS
 from .._jax_settings import own_settings
 from ..control import LawTable
-from ..physics import DUTY_SMOOTHING, MIN_FILM_RISE, STEFAN_BOLTZMANN
-from ..rig import FILM_REFERENCE, Parameter
+from ..physics import STEFAN_BOLTZMANN
+from ..rig import Parameter
 from ..simulation import Stepper
 from ._input_tables import input_constants, input_lines, input_numbers, input_tables
 from ._sources import Code, Parts, code_of, comment_block, defines, type_of_numbers, whole_numbers
@@ -152,7 +152,7 @@ def _powers(stepper: Stepper) -> dict[str, LawTable]:
 def stepper_constants(stepper: Stepper, sizes: StepperSizes) -> dict[str, int | float]:
     """The macros of the numbers: those of the driver and the losses, and the terms of the equations
     that this twin has."""
-    bridge, loss = stepper.system.bridge, stepper.system.loss
+    bridge = stepper.system.bridge
     result: dict[str, int | float] = {
         "PARTS": sizes.parts,
         "T0": float(stepper.reference),
@@ -170,17 +170,13 @@ def stepper_constants(stepper: Stepper, sizes: StepperSizes) -> dict[str, int | 
     if bridge.own_supply:
         result["HAS_POWERS"] = 1
     if bridge.drive_exponent is not None:
-        result |= {"HAS_DRIVE_LAW": 1, "DUTY_SMOOTHING_SQUARE": DUTY_SMOOTHING**2}
+        result["HAS_DRIVE_LAW"] = 1
     if sizes.has_lag:
         result["HAS_LAG"] = 1
     if sizes.has_reservoirs:
         result["HAS_RESERVOIRS"] = 1
-    if sizes.has_loss and loss is not None:
-        result |= {
-            "LOSSES": len(sizes.loss_from),
-            "MIN_FILM_SQUARE": MIN_FILM_RISE**2,
-            "FILM_SCALE": 1 / (FILM_REFERENCE**2 + MIN_FILM_RISE**2),
-        }
+    if sizes.has_loss:
+        result["LOSSES"] = len(sizes.loss_from)
     if sizes.has_far_ends:
         result |= {"HAS_FAR_ENDS": 1, "PLATE_LOSSES": sizes.plate_losses}
     return result | input_constants(stepper)
@@ -196,8 +192,6 @@ COMMENTS = {
     "IMAX": "through a connected cell, A",
     "LOSSES": "paths of losses that are not linear",
     "PLATE_LOSSES": "of the plate, the first of them",
-    "MIN_FILM_SQUARE": "K^2",
-    "DUTY_SMOOTHING_SQUARE": "square of the duty below which heat is proportional to it",
     "EFFECTS": "of the inputs, those of BODIES and LINKS and of the supply",
     "SHARES": "of states, and the inputs",
     "PARAMETERS": "that can be set",

@@ -138,6 +138,10 @@ static void model_heat_slope(const model_numbers *numbers, double duty,
     }
 }
 
+#ifdef MODEL_LOSSES
+#include "../physics/laws/lost_heat_slopes.c"
+#endif
+
 /* The cells and the losses join the network with their derivatives at rest: with idle cells all is
    as warm as the surroundings. */
 static void model_linearise(model_numbers *numbers, model_network *network)
@@ -154,20 +158,15 @@ static void model_linearise(model_numbers *numbers, model_network *network)
     }
 #ifdef MODEL_LOSSES
     for (i = 0; i < MODEL_LOSSES; ++i) {
-        double rise = 0.0, square, film;
-        double radiation = 4.0 * MODEL_T0 * MODEL_T0 * MODEL_T0;
+        double end = 0.0, by_near, by_far;
         int near = i;
 #ifdef MODEL_HAS_FAR_ENDS
         const int far = model_loss_to[i];
         near = model_loss_from[i];
-        radiation -= model_linear_radiation[i];
-        rise = -numbers->loss_held[i];
+        end = numbers->loss_held[i];
 #endif
-        square = rise * rise + MODEL_MIN_FILM_SQUARE;
-        film = pow(square * MODEL_FILM_SCALE, numbers->half_exponent[i]);
-        film *= 1.0 + 2.0 * numbers->half_exponent[i] * rise * rise / square;
-        numbers->linearised_loss[i] =
-            numbers->film[i] * (film - 1.0) + numbers->radiating[i] * radiation;
+        model_lost_heat_slopes(-end, MODEL_T0 + end, MODEL_LOSS(i), &by_near, &by_far);
+        numbers->linearised_loss[i] = by_near;
         network->matrix[near][near] += numbers->linearised_loss[i];
 #ifdef MODEL_HAS_FAR_ENDS
         if (far < MODEL_NODES) {

@@ -140,6 +140,10 @@ static void model_sides(const model_real *z, model_real *at)
     }
 }
 
+#ifdef MODEL_LOSSES
+#include "../physics/laws/lost_heat_slopes.c"
+#endif
+
 /* The equations linearised at the temperatures of the start and the duty of the middle: the forces
    on the modes by the modes, to_modes, by the duty of each cell, and by the room. */
 static void model_linearise(model_state *state, const model_real *duty,
@@ -184,20 +188,15 @@ static void model_linearise(model_state *state, const model_real *duty,
     }
 #ifdef MODEL_LOSSES
     for (i = 0; i < MODEL_LOSSES; ++i) {
-        const model_real ambient = state->x[MODEL_ROOM], room = MODEL_T0 + ambient;
-        model_real rise = -ambient, hot, square, film, lost, left;
+        const model_real ambient = state->x[MODEL_ROOM];
+        model_real rise = -ambient, left, by_near, by_far;
         for (m = 0; m < MODEL_MODES; ++m) {
             rise += model_shape[i][m] * state->x[m];
         }
-        hot = room + rise;
-        square = rise * rise + MODEL_MIN_FILM_SQUARE;
-        film = model_exp(model_half_exponent[i] * model_log(square * MODEL_FILM_SCALE));
-        lost = 2 * model_half_exponent[i] * film * rise * rise / square;
-        lost = model_film[i] * (film - 1 + lost);
-        left = model_linearised_loss[i] - lost - 4 * model_radiating[i] * hot * hot * hot;
-        lost += 4 * model_radiating[i] * room * room * room;
+        model_lost_heat_slopes(rise, MODEL_T0 + ambient, MODEL_LOSS(i), &by_near, &by_far);
+        left = model_linearised_loss[i] - by_near;
         for (m = 0; m < MODEL_MODES; ++m) {
-            by_room[m] += model_shape[i][m] * lost;
+            by_room[m] -= model_shape[i][m] * by_far;
             for (n = 0; n < MODEL_MODES; ++n) {
                 state->to_modes[m][n] += model_shape[i][m] * left * model_shape[i][n];
             }

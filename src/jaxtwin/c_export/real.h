@@ -25,3 +25,7 @@
 #define model_log log
 #define model_pow pow
 #endif
+
+/* For the laws of physics/laws/, whose powers have positive bases. */
+#define model_number(constant) ((model_real)(constant))
+#define model_raised(base, exponent) model_exp((exponent) * model_log(base))

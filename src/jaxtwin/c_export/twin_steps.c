@@ -63,6 +63,10 @@ static void model_effects(MODEL_OF_INSTANCE const model_real *inputs, model_real
 #define MODEL_SUPPLY(effects) MODEL_VS
 #endif
 
+#ifdef MODEL_HAS_DRIVE_LAW
+#include "../physics/laws/share_of_duty.c"
+#endif
+
 /* Peltier and Joule heat of a cell into its two sides, W; temperatures in K. Those of a heater are
    the same node. */
 static void model_heat(MODEL_OF_INSTANCE int cell, model_real duty, model_real cold,
@@ -92,13 +96,11 @@ static void model_heat(MODEL_OF_INSTANCE int cell, model_real duty, model_real c
     model_real joule = (model_real)0.5 * model_R[cell] * square;
 #ifdef MODEL_HAS_POWERS
     if (model_power[cell] > 0) {
+        joule = (model_real)0.5 * model_power[cell];
 #ifdef MODEL_HAS_DRIVE_LAW
-        const model_real smooth = MODEL_DUTY_SMOOTHING_SQUARE;
-        joule = duty * model_exp((model_real)0.5 * (model_drive_exponent[cell] - 1)
-                                 * model_log((duty * duty + smooth) / (1 + smooth)));
-        joule *= (model_real)0.5 * model_power[cell];
+        joule *= model_share_of_duty(duty, model_drive_exponent[cell]);
 #else
-        joule = (model_real)0.5 * share * model_power[cell];
+        joule *= share;
 #endif
     }
 #endif
@@ -107,12 +109,20 @@ static void model_heat(MODEL_OF_INSTANCE int cell, model_real duty, model_real c
 }
 
 /* The paths of losses: from the elements of the plate to the room, or between any two ends. Beyond
-   the numbers of the nodes are those of the room and of the bodies of given temperatures. */
+   the numbers of the nodes are those of the room and of the bodies of given temperatures. The
+   constants of a path are the last arguments of the law. */
+#ifdef MODEL_LOSSES
+#include "../physics/laws/lost_heat.c"
+#define MODEL_LOSS(path)                                                                           \
+    model_film[path], model_half_exponent[path], model_radiating[path], MODEL_LINEAR(path)
+#endif
 #ifdef MODEL_HAS_FAR_ENDS
+#define MODEL_LINEAR(path) model_linear_radiation[path]
 #define MODEL_ACROSS(path, mode)                                                                   \
     (model_shape[model_loss_from[path]][mode]                                                      \
      - (model_loss_to[path] < MODEL_NODES ? model_shape[model_loss_to[path]][mode] : 0))
 #else
+#define MODEL_LINEAR(path) 0
 #define MODEL_ACROSS(path, mode) model_shape[path][mode]
 #endif
 
@@ -208,7 +218,7 @@ static void model_losses(MODEL_OF_INSTANCE const model_real *z, model_real ambie
 #endif
 #ifdef MODEL_LOSSES
     for (i = 0; i < MODEL_LOSSES; ++i) {
-        model_real at = 0, end = ambient, rise, room, hot, film, left;
+        model_real at = 0, end = ambient, rise, left;
         for (m = 0; m < MODEL_MODES; ++m) {
             at += MODEL_ACROSS(i, m) * z[m];
         }
@@ -223,15 +233,8 @@ static void model_losses(MODEL_OF_INSTANCE const model_real *z, model_real ambie
 #else
         rise = at - end;
 #endif
-        room = MODEL_T0 + end;
-        hot = room + rise;
-        film = model_exp(model_half_exponent[i]
-                         * model_log((rise * rise + MODEL_MIN_FILM_SQUARE) * MODEL_FILM_SCALE));
-        left = model_linearised_loss[i] * at - model_film[i] * (film - 1) * rise;
-        left -= model_radiating[i] * rise * (hot + room) * (hot * hot + room * room);
-#ifdef MODEL_HAS_FAR_ENDS
-        left += model_radiating[i] * model_linear_radiation[i] * rise;
-#endif
+        left = model_linearised_loss[i] * at
+               - model_lost_heat(rise, MODEL_T0 + end, MODEL_LOSS(i));
         for (m = 0; m < MODEL_MODES; ++m) {
             force[m] += MODEL_ACROSS(i, m) * left;
         }

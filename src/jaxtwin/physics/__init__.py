@@ -9,7 +9,7 @@ then numbers for one set of parameter values (`System`). Which file holds what:
   (finite volumes or a given circuit), `_placed` (what follows from the places of cells),
   `_expressions`
 - heat: `_thermoelectric` (cells, eqs. 7 to 10 of the paper), `_driver` (PWM and bridge),
-  `_heat_loss` (films and radiation)
+  `_heat_loss` (films and radiation); `_make_laws` writes laws as C and SPICE into `laws/`
 - what is read: `_sensors` (weights, lags, pixels of a camera), `_registration` (where it looks, by
   the edges of the plate in a frame), `_plate_map`
 - inputs besides the duty: `_input_effects`, the links and values that they change

@@ -31,8 +31,8 @@ from ._twin import Twin as Twin
 # isort: split
 # For the other packages of jaxtwin: no part of the public interface.
 
-from ._driver import DUTY_SMOOTHING as DUTY_SMOOTHING
 from ._expressions import Expressions as Expressions
+from ._heat_loss import LAW_FOLDER as LAW_FOLDER
 from ._heat_loss import NonlinearLoss as NonlinearLoss
 from ._input_effects import Conditions as Conditions
 from ._netlist import OWN_VOLTAGE as OWN_VOLTAGE

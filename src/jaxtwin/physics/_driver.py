@@ -35,9 +35,12 @@ DUTY_SMOOTHING = 1e-4
 def share_of_duty(
     duty: Float[Array, "*cells"], exponent: Float[Array, "*#cells"]
 ) -> Float[Array, "*cells"]:
-    r"""The share of its power that a heater gives at a duty,
+    r"""The share of its power that a heater gives at a duty.
+
     $d \left(\frac{d^2 + s^2}{1 + s^2}\right)^{(p - 1) / 2}$ with $s$ = `DUTY_SMOOTHING`, which is
-    $d^p$ but for the smallest duties."""
+    $d^p$ but for the smallest duties. C and SPICE are written from this function
+    (`_make_laws.py`).
+    """
     square = (duty**2 + DUTY_SMOOTHING**2) / (1 + DUTY_SMOOTHING**2)
     return duty * jnp.exp((exponent - 1) / 2 * jnp.log(square))
 

@@ -7,6 +7,7 @@ the film at the reference rise, and the radiation of links at `REFERENCE_TEMPERA
 small heat flow that is not stiff.
 """
 
+from pathlib import Path
 from typing import final
 
 import equinox as eqx
@@ -24,12 +25,41 @@ MIN_FILM_RISE = 1.0
 """The rise below which the film stops falling, K: the air of a room is never still, and a
 fractional power has no derivative at zero."""
 
+# By which the square of a rise is divided, 1/K^2: the film is that of the matrix at the reference.
+FILM_SCALE = 1 / (FILM_REFERENCE**2 + MIN_FILM_RISE**2)
+
 # The temperature at which the radiation of a link is a part of the conductance matrix, K.
 REFERENCE_TEMPERATURE = 293.15
 
 # The conductance there of a link that radiates, divided by its area, its emissivity and the
 # constant, K^3.
 RADIATION_AT_REFERENCE = 4 * REFERENCE_TEMPERATURE**3
+
+# Where the laws stand as C and as SPICE, which `_make_laws.py` writes.
+LAW_FOLDER = Path(__file__).with_name("laws")
+
+
+def lost_heat(
+    rise: Float[Array, "*paths"],
+    ambient: Float[Array, "*#paths"],
+    film: Float[Array, "*paths"],
+    half_exponent: Float[Array, "*#paths"],
+    radiating: Float[Array, "*paths"],
+    linear: Float[Array, "*#paths"] | float,
+) -> Float[Array, "*paths"]:
+    r"""The heat that a path loses beyond that of the conductance matrix, W.
+
+    C and SPICE are written from this function (`_make_laws.py`), so that it takes scalars too.
+
+    **Arguments:** those of `NonlinearLoss.heat`, then $g$, $n / 2$, $\varepsilon \sigma A$ and $b$.
+    """
+    square = (rise**2 + MIN_FILM_RISE**2) * FILM_SCALE
+    # Not a power: its derivative would be another one.
+    film_factor = jnp.exp(half_exponent * jnp.log(square))
+    # T^4 - Ta^4 = (T - Ta) (T + Ta) (T^2 + Ta^2), without the difference of two large numbers.
+    hot = ambient + rise
+    fourth_powers = (hot + ambient) * (hot**2 + ambient**2)
+    return rise * (film * (film_factor - 1) + radiating * (fourth_powers - linear))
 
 
 @final
@@ -65,14 +95,14 @@ class NonlinearLoss(eqx.Module):
         - `rise`: the rise of the near end of each path above the far end, K.
         - `ambient`: absolute temperature of the far end, such as the surroundings, K.
         """
-        square = (rise**2 + MIN_FILM_RISE**2) / (FILM_REFERENCE**2 + MIN_FILM_RISE**2)
-        convection = self.film * (jnp.exp(self.exponent / 2 * jnp.log(square)) - 1) * rise
-        # T^4 - Ta^4 without the difference of two large numbers.
-        hot = ambient + rise
-        radiation = rise * (hot + ambient) * (hot**2 + ambient**2)
-        if self.linear is not None:
-            radiation = radiation - self.linear * rise
-        return convection + STEFAN_BOLTZMANN * self.radiating * radiation
+        return lost_heat(
+            rise,
+            ambient,
+            self.film,
+            self.exponent / 2,
+            STEFAN_BOLTZMANN * self.radiating,
+            0.0 if self.linear is None else self.linear,
+        )
 
     def slope(
         self, rise: Float[Array, "*elements"], ambient: Float[Array, "*#elements"]

@@ -20,12 +20,16 @@ from typing import NamedTuple
 
 from .._compilation._fingerprint import processor
 from .._compilation._store import OFF, cache_folder, load, save
+from ..physics import LAW_FOLDER
 
 logger = logging.getLogger("jaxtwin")
 
 VARIABLE = "JAXTWIN_NATIVE"
 
 SOURCE = Path(__file__).with_name("rodas5p.c")
+
+# With the laws of heat that it includes.
+SOURCES = (SOURCE, *sorted(LAW_FOLDER.glob("*.c")))
 
 # Not -ffast-math: draws that fail are recognised by their NaN.
 FLAGS = ("-std=gnu11", "-O3", "-fno-math-errno", "-fPIC", "-shared")
@@ -92,7 +96,7 @@ def _name(compiler: str, header: str) -> str:
     instructions a library is compiled."""
     about = Path(compiler).stat()
     parts = [
-        SOURCE.read_text(),
+        *(file.read_text() for file in SOURCES),
         header,
         repr(
             (FLAGS, OWN_PROCESSOR, compiler, about.st_size, about.st_mtime_ns, platform.machine())

@@ -16,8 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 from .._celsius import ZERO_CELSIUS
 from .._compilation import persistent_jit
 from .._sparse import SparseLU
-from ..physics import DUTY_SMOOTHING, MIN_FILM_RISE, STEFAN_BOLTZMANN, System, Twin, Wiring
-from ..rig import FILM_REFERENCE
+from ..physics import STEFAN_BOLTZMANN, System, Twin, Wiring
 from ._initial import CheckedInitial, initial_temperatures, keeps_symmetry
 from ._native_inputs import InputLayout, NativeInputs
 from ._rosenbrock_step import CORRECTION, DENSE, GAMMA, NODES, SLOPE_TABLE, STATE_TABLE, TIME
@@ -135,11 +134,8 @@ class NativeNetwork:
             "ON_OFF": wiring.averaging == "on-off",
             "BRAKE": wiring.off_phase == "brake",
             "HAS_DRIVE_LAW": wiring.drive_exponents is not None,
-            "DUTY_SMOOTHING_SQUARE": DUTY_SMOOTHING**2,
             "HAS_LAG": wiring.lag is not None,
             "HAS_DRIFT": wiring.ambient_drift is not None,
-            "MIN_FILM_SQUARE": MIN_FILM_RISE**2,
-            "FILM_SCALE": 1 / (FILM_REFERENCE**2 + MIN_FILM_RISE**2),
             "METHOD_GAMMA": GAMMA,
         }
         integers = {

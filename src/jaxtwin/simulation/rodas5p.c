@@ -180,7 +180,8 @@ static inline lanes of_pair(pairs joined, int number)
     return __builtin_convertvector(both[number], lanes);
 }
 
-/* base^exponent for a positive normal base, to a few units in the last place. */
+/* base^exponent for a positive normal base, to a few units in the last place: 2 to the power of the
+   exponent times the logarithm to base 2. */
 static inline pairs power(pairs base, pairs exponent)
 {
     const int32_t root = 0x3f3504f3; /* sqrt(1/2) */
@@ -201,17 +202,22 @@ static inline pairs power(pairs base, pairs exponent)
 }
 
 #if HAS_DRIVE_LAW
-/* The share of its power that a heater gives at a duty (physics/_driver.py), and its derivative. */
-static lanes share_of_duty(lanes duty, lanes exponent, lanes *slope)
+static lanes power_of_each(lanes base, lanes exponent)
 {
-    const lanes square = duty * duty + DUTY_SMOOTHING_SQUARE, half = 0.5 * (exponent - 1);
-    lanes factor;
     for (int l = 0; l < LANES; ++l) {
-        factor[l] = pow(square[l] / (1 + DUTY_SMOOTHING_SQUARE), half[l]);
+        base[l] = pow(base[l], exponent[l]);
     }
-    *slope = factor * (1 + 2 * half * duty * duty / square);
-    return duty * factor;
+    return base;
 }
+
+#define model_real lanes
+#define model_number (double)
+#define model_raised power_of_each
+#include "../physics/laws/share_of_duty.c"
+#include "../physics/laws/share_of_duty_slopes.c"
+#undef model_real
+#undef model_number
+#undef model_raised
 #endif
 
 static struct drive drive_of(const struct numbers *of, int cell,
@@ -224,7 +230,8 @@ static struct drive drive_of(const struct numbers *of, int cell,
     by.sign = network_is_heater[cell] ? one : choose(duty > 0, one, choose(duty < 0, -one, none));
     if (network_has_own_supply[cell]) {
 #if HAS_DRIVE_LAW
-        by.share = share_of_duty(duty, of->drive_exponent[cell], &by.sign);
+        by.share = model_share_of_duty(duty, of->drive_exponent[cell]);
+        model_share_of_duty_slopes(duty, of->drive_exponent[cell], &by.sign);
 #endif
         by.voltage = of->own_voltage[cell];
         by.conductance = 1 / of->resistance[cell];
@@ -297,50 +304,25 @@ static inline lanes supply_power(const struct numbers *of, int cell, const struc
     return ON_OFF ? by->share * power : power;
 }
 
-/* The law of the losses at some rises: the factor of the film, and the temperatures. */
-struct film {
-    pairs rise, hot, room, factor, calm;
-};
+/* The law of the losses, two paths of all draws at once. */
+#define model_real pairs
+#define model_number (float)
+#define model_raised power
+#include "../physics/laws/lost_heat.c"
+#include "../physics/laws/lost_heat_slopes.c"
 
-static inline struct film film_of(const struct loss *loss, pairs rise,
-                                  pairs room)
-{
-    struct film at;
-    at.rise = rise;
-    at.room = room;
-    at.hot = room + rise;
-    at.calm = (float)MIN_FILM_SQUARE - (pairs){0};
-    at.factor = power((rise * rise + at.calm) * (float)FILM_SCALE, loss->half_exponent);
-    return at;
-}
-
-/* The heat that is lost, W. */
-static inline pairs lost(const struct loss *loss, const struct film *at)
-{
+/* The last arguments of the law: the constants of two paths. */
 #if HAS_FAR_ENDS
-    const pairs radiation =
-        loss->radiating * ((at->hot + at->room) * (at->hot * at->hot + at->room * at->room) -
-                           loss->linear_radiation);
+#define LAW_OF(loss) (loss).film, (loss).half_exponent, (loss).radiating, (loss).linear_radiation
 #else
-    const pairs radiation =
-        loss->radiating * (at->hot + at->room) * (at->hot * at->hot + at->room * at->room);
+#define LAW_OF(loss) (loss).film, (loss).half_exponent, (loss).radiating, (pairs){0}
 #endif
-    return at->rise * (loss->film * (at->factor - 1) + radiation);
-}
 
 /* The deviation of the far end of a path from the reference, K. */
 static inline lanes far_end(const struct numbers *of, int path, const lanes *x, lanes ambient)
 {
     const int far = network_loss_far[path];
     return far >= 0 ? x[far] : far == -1 ? ambient : of->held[-2 - far];
-}
-
-/* The derivative of the film's heat by the rise, W/K. */
-static inline pairs film_slope(const struct loss *loss, const struct film *at)
-{
-    const pairs square = at->rise * at->rise;
-    const pairs bend = 2 * loss->half_exponent * square / (square + at->calm);
-    return loss->film * (at->factor * (1 + bend) - 1);
 }
 
 /* Brings the inputs besides the duty into the equations (physics/_input_effects.py). Each effect is
@@ -389,9 +371,8 @@ static void heat_into_nodes(const struct workspace *w, const lanes *x,
         const lanes one = far_end(of, k, x, ambient), two = far_end(of, k + 1, x, ambient);
         const pairs rise =
             pair(x[network_loss_node[k]] - one, x[network_loss_node[k + 1]] - two);
-        const struct film at =
-            film_of(&w->loss[k / 2], rise, pair(reference + one, reference + two));
-        *(pairs *)(rises + k) = lost(&w->loss[k / 2], &at);
+        const pairs ends = pair(reference + one, reference + two);
+        *(pairs *)(rises + k) = model_lost_heat(rise, ends, LAW_OF(w->loss[k / 2]));
     }
 #else
     const pairs room = pair(absolute, absolute);
@@ -400,8 +381,7 @@ static void heat_into_nodes(const struct workspace *w, const lanes *x,
     }
     for (int k = 0; k < LOSSES; k += 2) {
         pairs *const rise = (pairs *)(rises + k);
-        const struct film at = film_of(&w->loss[k / 2], *rise, room);
-        *rise = lost(&w->loss[k / 2], &at);
+        *rise = model_lost_heat(*rise, room, LAW_OF(w->loss[k / 2]));
     }
 #endif
     for (int k = 0; k < LOSSES; ++k) {
@@ -435,7 +415,7 @@ static void load_conductance(struct workspace *w)
 static void step_matrix(struct workspace *w, lanes size, lanes ambient, lanes drift)
 {
     const struct numbers *of = &w->of;
-    const lanes reference = of->reference[0], absolute = reference + ambient;
+    const lanes reference = of->reference[0];
     const lanes diagonal = 1 / (METHOD_GAMMA * size);
     lanes *factors = w->factors, *time_heat = w->time_heat;
     load_conductance(w);
@@ -443,34 +423,24 @@ static void step_matrix(struct workspace *w, lanes size, lanes ambient, lanes dr
         factors[network_diagonal[i]] += of->capacitance[i] * diagonal;
         time_heat[i] = of->to_ambient[i] * drift;
     }
-    const pairs room = pair(absolute, absolute);
     for (int k = 0; k < LOSSES; k += 2) {
         const int *node = network_loss_node + k;
-        const struct loss *loss = &w->loss[k / 2];
-#if HAS_FAR_ENDS
         const lanes first = far_end(of, k, w->state, ambient);
         const lanes second = far_end(of, k + 1, w->state, ambient);
         const pairs rise = pair(w->state[node[0]] - first, w->state[node[1]] - second);
-        const struct film at = film_of(loss, rise, pair(reference + first, reference + second));
-        const pairs film = film_slope(loss, &at) - loss->radiating * loss->linear_radiation;
-#else
-        const pairs rise = pair(w->state[node[0]] - ambient, w->state[node[1]] - ambient);
-        const struct film at = film_of(loss, rise, room);
-        const pairs film = film_slope(loss, &at);
-#endif
-        const pairs radiating = 4 * loss->radiating;
-        const pairs by_node = film + radiating * at.hot * at.hot * at.hot;
-        const pairs by_room = film + radiating * at.room * at.room * at.room;
+        const pairs ends = pair(reference + first, reference + second);
+        pairs by_near, by_far;
+        model_lost_heat_slopes(rise, ends, LAW_OF(w->loss[k / 2]), &by_near, &by_far);
         for (int one = 0; one < 2; ++one) {
             const int far = HAS_FAR_ENDS ? network_loss_far[k + one] : -1;
-            factors[network_diagonal[node[one]]] += of_pair(by_node, one);
+            factors[network_diagonal[node[one]]] += of_pair(by_near, one);
             if (far == -1) {
-                time_heat[node[one]] += of_pair(by_room, one) * drift;
+                time_heat[node[one]] -= of_pair(by_far, one) * drift;
             } else if (far >= 0) {
                 const int *place = network_loss_factors + 2 * (k + one);
-                factors[place[0]] -= of_pair(by_room, one);
-                factors[place[1]] -= of_pair(by_node, one);
-                factors[network_diagonal[far]] += of_pair(by_room, one);
+                factors[place[0]] += of_pair(by_far, one);
+                factors[place[1]] -= of_pair(by_near, one);
+                factors[network_diagonal[far]] -= of_pair(by_far, one);
             }
         }
     }

@@ -16,15 +16,14 @@ from .._jax_settings import own_settings
 from ..errors import SimulationError
 from ..io import Experiment, check_duty_of_rig
 from ..physics import (
-    DUTY_SMOOTHING,
-    MIN_FILM_RISE,
+    LAW_FOLDER,
     OWN_VOLTAGE,
     STEFAN_BOLTZMANN,
     Netlist,
     ThermoelectricElement,
     Twin,
 )
-from ..rig import AMBIENT, FILM_REFERENCE, Rig, Value
+from ..rig import AMBIENT, Rig, Value
 from ..simulation import FittedTwins, twin_of_experiment
 
 # The duration of a step of the drive, s, because sources of SPICE are piecewise linear.
@@ -79,6 +78,7 @@ def to_spice(
         [
             *_head(twin, experiment, values),
             *_constants(twin.rig, ambient[0], values),
+            *_laws(),
             *_network(twin.netlist, names, ambient[0], values),
             *_losses(twin, names, values),
             f"Vambient ambient 0 {_held(time, ambient - ambient[0])}",
@@ -114,6 +114,11 @@ def _constants(rig: Rig, reference: float, values: Mapping[str, float]) -> list[
         f".param R_on={_number(driver.on_resistance, values)}",
         *([] if limit is None else [f".param I_max={_number(limit, values)}"]),
     ]
+
+
+def _laws() -> list[str]:
+    """The laws of heat as functions, which `physics/_make_laws.py` writes from those in Python."""
+    return ["*", *(LAW_FOLDER / "laws.cir").read_text(encoding="ascii").splitlines()]
 
 
 def _network(
@@ -156,7 +161,6 @@ def _losses(twin: Twin, names: Mapping[str, str], values: Mapping[str, float]) -
     # Numbers below 0 count the surroundings, then the reservoirs.
     beyond = [AMBIENT, *(reservoir.name for reservoir in twin.netlist.reservoirs)]
     lines = ["*", "* Losses beyond the links: convection with an exponent, radiation"]
-    square = f"{FILM_REFERENCE**2 + MIN_FILM_RISE**2!r}"
     rows = zip(
         paths.near.tolist(), paths.far.tolist(), paths.linear.tolist(),
         *(np.asarray(part).tolist() for part in (loss.film, loss.exponent, loss.radiating)),
@@ -165,12 +169,9 @@ def _losses(twin: Twin, names: Mapping[str, str], values: Mapping[str, float]) -
     used: set[str] = set()
     for near, far, linear, film, exponent, radiating in rows:
         name, end = names[ends[near]], names[ends[far] if far >= 0 else beyond[-1 - far]]
-        rise = f"V({name},{end})"
-        hot, cold = f"(V({name})+T_ref)", f"(V({end})+T_ref)"
-        power = f"pow(({rise}*{rise}+{MIN_FILM_RISE**2!r})/{square},{exponent / 2!r})"
-        four = f"(({hot}+{cold})*({hot}*{hot}+{cold}*{cold})-{linear!r})"
-        heat = f"{film!r}*({power}-1)+{STEFAN_BOLTZMANN * radiating!r}*{four}"
-        lines.append(f"{_unique(f'Bloss_{name}', used)} {name} {end} I={rise}*({heat})")
+        constants = (film, exponent / 2, STEFAN_BOLTZMANN * radiating, linear)
+        law = f"lost_heat(V({name},{end}),V({end})+T_ref,{','.join(map(repr, constants))})"
+        lines.append(f"{_unique(f'Bloss_{name}', used)} {name} {end} I={law}")
     return lines
 
 
@@ -230,9 +231,7 @@ def _heat(
         square = OWN_VOLTAGE.factor**2
         share = f"abs({duty})"
         if cell.drive_exponent is not None:
-            half = (float(cell.drive_exponent.evaluate(values)) - 1) / 2
-            base = f"({duty}*{duty}+{DUTY_SMOOTHING**2!r})/{1 + DUTY_SMOOTHING**2!r}"
-            share += f"*pow({base},{half!r})"
+            share = f"share_of_duty({duty},{_number(cell.drive_exponent, values)})"
         return [f"Bhot_{number} 0 {hot} I={share}*{square!r}/R_E_{number}"]
     lines = [f"Bemf_{number} emf_{number} 0 V=alpha_{number}*(V({hot})-V({cold}))"]
     if rig.driver.averaging == "voltage":
