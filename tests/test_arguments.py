@@ -217,7 +217,7 @@ CASES = {
     "simulate(twin, drive, solver='Kvaerno5')": ("SimulationError", "expected a diffrax solver"),
     "simulate(twin, drive, solver=diffrax.Kvaerno5(), dt0=np.nan)": (
         "SimulationError",
-        "dt0: " + FINITE,
+        "dt0: expected a number above 0, in s",
     ),
     "simulate(twin, drive, solver=diffrax.Kvaerno5(), dt0=-1.0)": (
         "SimulationError",
@@ -234,7 +234,7 @@ CASES = {
     "match(twin, seen, bounds={'R_ph': ((1, 2), 3)})": ("MatchError", "R_ph: bounds: expected"),
     "match(twin, seen, loss='huber')": ("MatchError", LOSS + ".* got 'huber'"),
     "match(twin, seen, loss=matching.Huber)": ("MatchError", LOSS + ".* got .*Huber"),
-    "matching.Huber('a')": ("MatchError", "Huber: threshold: " + FINITE),
+    "matching.Huber('a')": ("MatchError", "Huber: threshold: expected a number above 0"),
     "matching.Cauchy(0)": ("MatchError", "Cauchy: threshold: expected a number above 0, got 0"),
     "rigs.register_sensor(rigs.AbstractSensor)": ("RigError", "its name in rig files"),
     "matching.register_loss(matching.AbstractLoss)": ("MatchError", "its name in saved fits"),
@@ -245,7 +245,10 @@ CASES = {
     "match_many(twin, [seen], solver=3)": ("MatchError", "solver: " + LEAST_SQUARES + ".* got 3"),
     "match(twin, seen, on_progress=3)": ("MatchError", "on_progress: " + FUNCTION),
     "sensitivity(twin, seen, draws=5.5)": ("SimulationError", "draws: " + WHOLE + "of at least 3"),
-    "sensitivity(twin, seen, spread='a')": ("SimulationError", "spread: " + FINITE),
+    "sensitivity(twin, seen, spread='a')": (
+        "SimulationError",
+        "spread: expected a number between 0 and 1",
+    ),
     "sensitivity(twin, seen, spread=1)": ("SimulationError", "spread: .* between 0 and 1"),
     "sensitivity(twin, seen, seed=None)": ("SimulationError", "seed: " + WHOLE + "of at least 0"),
     "sensitivity(twin, seen, seed=2**200)": (

@@ -60,5 +60,8 @@ def test_ten_residuals_are_enough_for_a_test_of_whiteness():
 def test_a_figure_is_an_inch_wide_at_least():
     with plots.style("paper", width=1.0):
         pass
-    with pytest.raises(JaxtwinError, match="1 inch"), plots.style("paper", width=0.999):
+    with (
+        pytest.raises(JaxtwinError, match="at least 1, in inches"),
+        plots.style("paper", width=0.999),
+    ):
         pass

@@ -85,6 +85,10 @@ def finite_number(
 
     ends = {"above": above, "of at least": least, "below": below, "of at most": most}
     bounds = " and ".join(f"{word} {end:g}" for word, end in ends.items() if end is not None)
+    if least is not None and most is not None:
+        bounds = f"from {least:g} to {most:g}"
+    elif above is not None and below is not None:
+        bounds = f"between {above:g} and {below:g}"
     expected = f"a number {bounds}" if bounds else "a finite number"
     if unit:
         expected += f", in {unit}"

@@ -148,7 +148,7 @@ def test_what_cannot_be_designed_is_refused_in_a_sentence(tmp_path: Path):
         ("bounds", {"P1": (0, 0.2, 0, 0.08)}, r"bounds: P1: expected .*0\.16 m by 0\.08 m"),
         ("bounds", {"P1": (0, 0.1)}, "bounds: P1: expected left, right, top and bottom"),
         ("bounds", {"P2": (0, 0.1, 0, 0.08)}, "bounds: .*P2"),
-        ("clearance", -0.001, "clearance: expected at least 0 m"),
+        ("clearance", -0.001, "clearance: expected a number of at least 0, in m"),
         ("starts", 0, "starts: expected a whole number"),
     )
     for argument, value, words in refused:

@@ -238,7 +238,9 @@ def test_a_twin_with_several_values_is_refused():
 def test_invalid_matrices_delays_and_sample_times_are_refused():
     with pytest.raises(ControlError, match=r"got shapes \(1, 1\), \(2, 1\)"):
         StateSpace([[-1.0]], [[1.0], [1.0]], [[1.0]], [[0.0]])
-    with pytest.raises(ControlError, match="delay_s: expected 0 s or more, got -1 s"):
+    with pytest.raises(
+        ControlError, match="delay_s: expected a number of at least 0, in s, got -1"
+    ):
         StateSpace([[-1.0]], [[1.0]], [[1.0]], [[0.0]], delay_s=-1)
     with pytest.raises(ControlError, match="output_names: expected 1 names, got 2"):
         StateSpace([[-1.0]], [[1.0]], [[1.0]], [[0.0]], output_names=["a", "b"])

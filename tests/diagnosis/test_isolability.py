@@ -66,7 +66,7 @@ def test_it_says_which_channel_would_tell_a_pair_apart():
     [
         ({"channels": ["T9"]}, "unknown channel 'T9'"),
         ({"faults": ["x"]}, "expected names of tclab"),
-        ({"duration": 0}, "a duration above 0, got 300 and 0"),
+        ({"duration": 0}, "duration: expected a number above 0, in s, got 0"),
     ],
 )
 def test_what_cannot_be_said_is_refused_in_a_sentence(arguments: dict[str, object], words: str):

@@ -144,7 +144,7 @@ def test_runs_of_other_rigs_and_numbers_out_of_range_are_refused():
         animate_plate(load_rig("single-cell"), _with_other_nodes())
     with pytest.raises(ParameterError, match="frames: expected a whole number of at least 2"):
         animate_plate(RIG, heated(), frames=1)
-    with pytest.raises(ParameterError, match="seconds: expected more than 0, got -1"):
+    with pytest.raises(ParameterError, match="seconds: expected a number above 0, got -1"):
         animate_plate(RIG, heated(), seconds=-1)
 
 

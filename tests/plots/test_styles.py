@@ -175,7 +175,9 @@ def test_styles_are_nested_and_end_with_their_block():
 def test_widths_that_have_no_meaning_are_refused():
     with pytest.raises(ParameterError, match="width: expected None beside 'grey'"):
         style("grey", width=3).__enter__()
-    with pytest.raises(ParameterError, match=r"expected 1 inch at least, got 0\.5"):
+    with pytest.raises(
+        ParameterError, match=r"expected a number of at least 1, in inches, got 0\.5"
+    ):
         style("paper", width=0.5).__enter__()
 
 

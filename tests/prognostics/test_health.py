@@ -149,7 +149,7 @@ def test_the_picture_has_sessions_trend_and_limit():
         (lambda: ([session(2.0)] * 3,), {"limits": {"R_E": -1}}, "R_E: expected a number above 0"),
         (lambda: ([session(2.0)] * 3,), {"limits": {"R_X": 1}}, "unknown parameter 'R_X'"),
         (lambda: ([session(2.0)] * 3,), {"limits": {"C_esp": 1}}, "that 3 sessions determine"),
-        (lambda: ([session(2.0)] * 3,), {"within": -1}, "within: expected a time of 0 or more"),
+        (lambda: ([session(2.0)] * 3,), {"within": -1}, "within: expected a number of at least 0"),
         (lambda: ([session(2.0)] * 3,), {"names": ["T_amb"]}, "got none among T_amb"),
     ],
 )  # fmt: skip

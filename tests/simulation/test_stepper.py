@@ -91,7 +91,9 @@ def test_steppers_of_many_draws_are_made_and_stepped_in_one_vmap():
         np.testing.assert_allclose(row, expected, rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize(("step_size", "message"), [(0.0, "above 0"), (np.nan, "finite number")])
+@pytest.mark.parametrize(
+    ("step_size", "message"), [(0.0, "above 0"), (np.nan, "above 0, in s, got nan")]
+)
 def test_a_step_without_a_size_is_refused(step_size: float, message: str):
     with pytest.raises(SimulationError, match=rf"Stepper: step_size: .*{message}"):
         Stepper(Twin("paper-2024"), step_size)
