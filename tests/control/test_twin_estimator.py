@@ -52,9 +52,7 @@ def observer(twin: Twin) -> ExtendedKalmanFilter:
 def estimator_of(model: StateSpace, observer: ExtendedKalmanFilter) -> TwinEstimator:
     (plant,) = outputs_of(model, [(name,) for name in OUTPUTS])
     kalman = kalman_filter("test", plant, np.full(2, 0.1), np.full(2, 0.1))
-    estimator = twin_estimator("test", observer, model, plant, kalman)
-    assert estimator is not None
-    return estimator
+    return twin_estimator("test", observer, model, plant, kalman)
 
 
 def known_at_rest(

@@ -16,7 +16,6 @@ disturbance models without offset).
 """
 
 from abc import abstractmethod
-from dataclasses import replace
 from typing import NamedTuple, final
 
 import equinox as eqx
@@ -173,31 +172,33 @@ def kalman_filter(
     **Raises:** `ControlError` if no such filter exists.
     """
     assert read.sample_time_s is not None
-    estimated, readings = len(read.A) + min(np.shape(read.D)), len(read.C)
-    kalman = filter_with_gain(read, np.zeros((estimated, readings)))
-    A, C = np.asarray(kalman.A), np.asarray(kalman.C)
-    process, states = np.zeros_like(A), len(read.A)
+    matrices, states = _with_disturbances(read), len(read.A)
+    process = np.zeros_like(matrices["A"])
     process[states:, states:] = np.diag(drift**2 * read.sample_time_s)
-    return replace(kalman, L=filter_gain(where, A, C, process, np.diag(reading_noise**2)))
+    L = filter_gain(where, matrices["A"], matrices["C"], process, np.diag(reading_noise**2))
+    return KalmanFilter(**matrices, L=L)
 
 
 def filter_with_gain(read: StateSpace, L: Float[np.ndarray, "estimated reading"]) -> KalmanFilter:
     """The filter of a discrete model with a given gain."""
+    return KalmanFilter(**_with_disturbances(read), L=L)
+
+
+def _with_disturbances(read: StateSpace) -> dict[str, Float[np.ndarray, "..."]]:
+    """The matrices of a `KalmanFilter`, but for its gain."""
     disturbed, states = disturbance_duty(np.asarray(read.dcgain)), len(read.A)
     cells, unknown = disturbed.shape
     unit, no_duty = np.eye(unknown), np.zeros((unknown, cells))
-    A = np.block([[read.A, read.B @ disturbed], [np.zeros((unknown, states)), unit]])
     C = np.hstack([read.C, np.zeros((len(read.C), unknown))])
     by_disturbance = np.vstack([read.steady_states @ disturbed, unit])
-    return KalmanFilter(
-        A=A,
-        B=np.vstack([read.B, no_duty]),
-        C=C,
-        L=L,
-        by_duty=np.vstack([read.steady_states, no_duty]),
-        by_reading=by_disturbance @ np.linalg.pinv(C @ by_disturbance),
-        disturbed=disturbed,
-    )
+    return {
+        "A": np.block([[read.A, read.B @ disturbed], [np.zeros((unknown, states)), unit]]),
+        "B": np.vstack([read.B, no_duty]),
+        "C": C,
+        "by_duty": np.vstack([read.steady_states, no_duty]),
+        "by_reading": by_disturbance @ np.linalg.pinv(C @ by_disturbance),
+        "disturbed": disturbed,
+    }
 
 
 def is_stable(kalman: KalmanFilter) -> bool:
@@ -324,12 +325,12 @@ class TwinEstimator(AbstractEstimator):
 
 def twin_estimator(
     where: str,
-    observer: TwinObserver | None,
+    observer: TwinObserver,
     model: StateSpace,
     read: StateSpace,
     kalman: KalmanFilter,
-) -> TwinEstimator | None:
-    """The estimator of a controller with an observer of the twin; None without one.
+) -> TwinEstimator:
+    """The estimator of a controller with an observer of the twin.
 
     **Arguments:**
 
@@ -341,8 +342,6 @@ def twin_estimator(
     **Raises:** `ControlError` if the model does not know the nodes of its rig, or the observer is
     none, is of another rig or does not read all channels.
     """
-    if observer is None:
-        return None
     expected = "an observer of the rig, such as jaxtwin.observers.live_observer(twin)"
     kinds = ExtendedKalmanFilter, MovingHorizonEstimator
     of_kind(f"{where}: observer", observer, kinds, expected, ControlError)

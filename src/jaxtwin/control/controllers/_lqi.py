@@ -382,6 +382,8 @@ def design_lqi(
         has_own_limits=limits is not None,
         measured=groups,
     )
+    if observer is None:
+        return lqi
     return replace(lqi, observed=twin_estimator("LQI", observer, model, plant, lqi.kalman))
 
 

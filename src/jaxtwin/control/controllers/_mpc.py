@@ -265,7 +265,7 @@ class MPC(AbstractPredictiveController):
             with_temperatures(self.model, np.asarray(self.watched.C), np.asarray(self.watched.at)),
             with_temperatures(self.model, np.zeros((0, len(self.model.A))), np.zeros(0)),
         )
-        mpc = _design(
+        return _design(
             plant,
             **{**self.design_weights(), **weights},
             measured=self.measured,
@@ -278,8 +278,8 @@ class MPC(AbstractPredictiveController):
             preview=self.preview,
             has_own_limits=True,
             read_channels=self.read_channels,
+            counts=self.counts,
         )
-        return replace(mpc, counts=self.counts)
 
     @property
     def estimator(self) -> AbstractEstimator:
@@ -577,6 +577,8 @@ def design_mpc(
         point_errors=point_errors,
         preview=preview,
     )
+    if observer is None:
+        return mpc
     return replace(mpc, observed=twin_estimator("MPC", observer, model, plant.read, mpc.kalman))
 
 
@@ -594,8 +596,8 @@ def _design(plant: MPCPlant, *, drift: Numbers, reading_noise: Numbers, **settin
     kalman = kalman_filter("MPC", plant.read, w, v)
     assert plant.read.sample_time_s is not None
     gain = error_gain(w.mean(), v.mean(), plant.read.sample_time_s)
-    mpc = _mpc(plant, kalman, np.full(len(plant.watched.C), gain), **settings)
-    return replace(mpc, noises=MPCNoises(w, v))
+    gains = np.full(len(plant.watched.C), gain)
+    return _mpc(plant, kalman, gains, noises=MPCNoises(w, v), **settings)
 
 
 def _mpc(
@@ -619,6 +621,8 @@ def _mpc(
     evenness: AbstractEvennessCost | None = None,
     point_names: tuple[str, ...] = (),
     point_errors: Float[np.ndarray, "points channels"] | None = None,
+    noises: MPCNoises | None = None,
+    counts: int | None = None,
 ) -> MPC:
     """Makes the controller: its programs over the horizon follow from the model and the settings.
 
@@ -670,7 +674,7 @@ def _mpc(
         evenness=evenness,
         kalman=kalman,
         observed=None,
-        noises=None,
+        noises=noises,
         watched=WatchedChannels(plant.watched.C, point.outputs, error_gains, unexplained),
         of_channels=of_channels,
         output_deviation=deviations.output,
@@ -690,4 +694,5 @@ def _mpc(
         designed_for=plant.outputs.operating_point.rig,
         preview=true_or_false("MPC: preview", preview, ControlError),
         measured=measured,
+        counts=counts,
     )

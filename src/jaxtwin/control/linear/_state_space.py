@@ -121,7 +121,7 @@ class StateSpace(eqx.Module, AbstractResult):
     ):
         with settings_for(A, B, C, D, delay_s, lag_s):
             self.A, self.B, self.C, self.D, self.delay_s, self.lag_s = (
-                to_numpy(jnp.asarray(value, float))
+                _array(value)
                 for value in (A, B, C, D, _time("delay_s", delay_s), _time("lag_s", lag_s))
             )
             states, inputs, outputs = _sizes(self.A, self.B, self.C, self.D)
@@ -668,6 +668,11 @@ def _python_control() -> Any:
     return control
 
 
+def _array(value: Any) -> Any:
+    # Not by way of JAX where nothing is traced: that takes ten times as long.
+    return jnp.asarray(value, float) if is_traced(value) else np.asarray(value, float)
+
+
 def _time(name: str, value: object) -> Any:
     if is_traced(value):
         return value
@@ -675,7 +680,7 @@ def _time(name: str, value: object) -> Any:
 
 
 def _offset(offset: ArrayLike, states: int) -> Any:
-    array = to_numpy(jnp.asarray(offset, float))
+    array = _array(offset)
     if array.shape != (states,):
         raise ControlError(
             f"StateSpace: offset: expected {states} numbers, got an array of shape {array.shape}"
