@@ -23,8 +23,8 @@ slowly follows what the disturbances make of it.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import Any, ClassVar, NamedTuple, final
+from dataclasses import dataclass, replace
+from typing import ClassVar, NamedTuple, final
 
 import equinox as eqx
 import jax
@@ -148,6 +148,31 @@ class MPCPlant(NamedTuple):
 
 
 @final
+@dataclass(frozen=True, kw_only=True)
+class MPCSettings:
+    """What an `MPC` is designed for, as in `design_mpc`, beside its model and its filter. The
+    fields that are no parameters of `design_mpc` are those of `MPC`."""
+
+    measured: tuple[tuple[str, ...], ...] | None
+    horizon: int
+    control_horizon: int | None
+    output_deviation: Numbers
+    duty_deviation: Numbers
+    duty_change_deviation: Numbers
+    limits: DutyLimits
+    has_own_limits: bool
+    rate_limit: float | int | None = None
+    temperature_limits: tuple[tuple[str, TemperatureLimit], ...]
+    read_channels: tuple[str, ...]
+    excess_deviation: float
+    evenness: AbstractEvennessCost | None = None
+    point_names: tuple[str, ...] = ()
+    point_errors: Float[np.ndarray, "points channels"] | None = None
+    preview: bool
+    counts: int | None = None
+
+
+@final
 @took_design_arguments("design_mpc")
 class MPC(AbstractPredictiveController):
     """Model predictive control, made by `design_mpc`.
@@ -265,21 +290,23 @@ class MPC(AbstractPredictiveController):
             with_temperatures(self.model, np.asarray(self.watched.C), np.asarray(self.watched.at)),
             with_temperatures(self.model, np.zeros((0, len(self.model.A))), np.zeros(0)),
         )
-        return _design(
-            plant,
-            **{**self.design_weights(), **weights},
+        named = {**self.design_weights(), **weights}
+        drift, reading_noise = named.pop("drift"), named.pop("reading_noise")
+        settings = MPCSettings(
+            **named,
             measured=self.measured,
             horizon=self.horizon,
             control_horizon=self.control_horizon,
             limits=self.limits,
+            has_own_limits=True,
             rate_limit=self.rate_limit,
             temperature_limits=self.temperature_limits,
+            read_channels=self.read_channels,
             excess_deviation=float(self.excess_deviation[-1]),
             preview=self.preview,
-            has_own_limits=True,
-            read_channels=self.read_channels,
             counts=self.counts,
         )
+        return _design(plant, drift, reading_noise, settings)
 
     @property
     def estimator(self) -> AbstractEstimator:
@@ -322,9 +349,8 @@ class MPC(AbstractPredictiveController):
         excess = settings.setdefault("excess_deviation", DEFAULT_EXCESS)
         try:
             limits = checked_temperature_limits(limited.limits, None, excess)
-            mpc = _mpc(
-                plant, kalman, gains, read_channels=names, temperature_limits=limits, **settings
-            )
+            checked = MPCSettings(read_channels=names, temperature_limits=limits, **settings)
+            mpc = _mpc(plant, kalman, gains, checked)
         except ControlError as error:
             contents.refuse("", str(error))
         check_numbers(mpc, contents.refuse)
@@ -556,16 +582,13 @@ def design_mpc(
     watched = tuple(dict.fromkeys([*(name for name, _ in limited), *of_outputs]))
     sets = [(name,) for name in watched], [(name,) for name in point_names]
     plant = MPCPlant(*outputs_of(model, groups, *sets))
-    mpc = _design(
-        plant,
+    settings = MPCSettings(
         measured=groups,
         horizon=horizon,
         control_horizon=control_horizon,
         output_deviation=output_deviation,
         duty_deviation=duty_deviation,
         duty_change_deviation=duty_change_deviation,
-        drift=drift,
-        reading_noise=reading_noise,
         limits=checked_limits("MPC", limits),
         has_own_limits=limits is not None,
         rate_limit=rate_limit,
@@ -577,18 +600,14 @@ def design_mpc(
         point_errors=point_errors,
         preview=preview,
     )
+    mpc = _design(plant, drift, reading_noise, settings)
     if observer is None:
         return mpc
     return replace(mpc, observed=twin_estimator("MPC", observer, model, plant.read, mpc.kalman))
 
 
-def _design(plant: MPCPlant, *, drift: Numbers, reading_noise: Numbers, **settings: Any) -> MPC:
-    """Designs the filter, and makes the controller with it.
-
-    **Arguments:**
-
-    - `settings`: those of `_mpc`.
-    """
+def _design(plant: MPCPlant, drift: Numbers, reading_noise: Numbers, settings: MPCSettings) -> MPC:
+    """Designs the filter, and makes the controller with it."""
     check_plant("MPC", plant.outputs, plant.read)
     readings, cells = np.shape(plant.read.D)
     w = checked_deviations("MPC", "drift", drift, min(readings, cells))
@@ -597,73 +616,54 @@ def _design(plant: MPCPlant, *, drift: Numbers, reading_noise: Numbers, **settin
     assert plant.read.sample_time_s is not None
     gain = error_gain(w.mean(), v.mean(), plant.read.sample_time_s)
     gains = np.full(len(plant.watched.C), gain)
-    return _mpc(plant, kalman, gains, noises=MPCNoises(w, v), **settings)
+    return _mpc(plant, kalman, gains, settings, MPCNoises(w, v))
 
 
 def _mpc(
     plant: MPCPlant,
     kalman: KalmanFilter,
     error_gains: Float[np.ndarray, " watched"],
-    *,
-    measured: tuple[tuple[str, ...], ...] | None,
-    horizon: int,
-    control_horizon: int | None,
-    output_deviation: Numbers,
-    duty_deviation: Numbers,
-    duty_change_deviation: Numbers,
-    limits: DutyLimits,
-    has_own_limits: bool,
-    temperature_limits: tuple[tuple[str, TemperatureLimit], ...],
-    read_channels: tuple[str, ...],
-    excess_deviation: float,
-    preview: bool,
-    rate_limit: float | int | None = None,
-    evenness: AbstractEvennessCost | None = None,
-    point_names: tuple[str, ...] = (),
-    point_errors: Float[np.ndarray, "points channels"] | None = None,
+    settings: MPCSettings,
     noises: MPCNoises | None = None,
-    counts: int | None = None,
 ) -> MPC:
     """Makes the controller: its programs over the horizon follow from the model and the settings.
 
     **Arguments:**
 
     - `error_gains`: the gain of the filter of the error of the model at each watched channel.
-    - the others: as in `MPC`.
+    - `noises`: as in `MPC`.
     """
-    time = plant.outputs.sample_time_s
+    time, read, evenness = plant.outputs.sample_time_s, settings.read_channels, settings.evenness
     assert time is not None
-    horizon = whole_number("MPC: horizon", horizon, 1, ControlError)
-    moves = checked_control_horizon(control_horizon, horizon)
+    horizon = whole_number("MPC: horizon", settings.horizon, 1, ControlError)
+    moves = checked_control_horizon(settings.control_horizon, horizon)
     outputs, cells = np.shape(plant.outputs.D)
     deviations = Deviations(
-        checked_deviations("MPC", "output_deviation", output_deviation, outputs),
-        checked_deviations("MPC", "duty_deviation", duty_deviation, cells),
-        checked_deviations("MPC", "duty_change_deviation", duty_change_deviation, cells),
+        checked_deviations("MPC", "output_deviation", settings.output_deviation, outputs),
+        checked_deviations("MPC", "duty_deviation", settings.duty_deviation, cells),
+        checked_deviations("MPC", "duty_change_deviation", settings.duty_change_deviation, cells),
     )
     disturbed = np.asarray(kalman.disturbed)
     predicted = predict(plant.outputs, disturbed, horizon, moves)
     tracked = plant.points if evenness is not None and evenness.is_quadratic else None
     condensed = condense(plant.outputs, disturbed, predicted, deviations, tracked)
-    soft, count = None, len(temperature_limits)
-    if temperature_limits:
-        watched = plant.watched.with_outputs(
-            np.eye(count, len(read_channels)), read_channels[:count]
-        )
-        bounds = np.array([limit[:2] for _, limit in temperature_limits])
-        soft = soft_limits(watched, predicted, bounds)
-    points, of_channels = None, np.zeros((outputs, 0))
-    unexplained = np.eye(len(read_channels))
-    if point_names:
-        shares = checked_point_errors(point_errors, point_names, read_channels)
+    soft, limits = None, settings.temperature_limits
+    if limits:
+        rows = np.eye(len(limits), len(read))
+        limited = plant.watched.with_outputs(rows, read[: len(limits)])
+        soft = soft_limits(limited, predicted, np.array([limit[:2] for _, limit in limits]))
+    points, of_channels, unexplained = None, np.zeros((outputs, 0)), np.eye(len(read))
+    if settings.point_names:
+        shares = checked_point_errors(settings.point_errors, settings.point_names, read)
         centre = float(np.mean(plant.outputs.operating_point.outputs))
         points = even_points(plant.points, predicted, shares, centre)
         check_horizon(points, horizon, time)
         explained = np.asarray(plant.read.dcgain)
         unexplained -= explained @ np.linalg.pinv(explained)
-        of_channels = means_of(measured, read_channels)
-    gain, point = np.asarray(plant.outputs.dcgain), plant.watched.operating_point
+        of_channels = means_of(settings.measured, read)
+    gain, at = np.asarray(plant.outputs.dcgain), plant.watched.operating_point.outputs
     slowest = np.abs(np.linalg.eigvals(plant.outputs.A)).max()
+    rate_limit = settings.rate_limit
     return MPC(
         model=plant.outputs,
         gain=gain,
@@ -675,24 +675,24 @@ def _mpc(
         kalman=kalman,
         observed=None,
         noises=noises,
-        watched=WatchedChannels(plant.watched.C, point.outputs, error_gains, unexplained),
+        watched=WatchedChannels(plant.watched.C, at, error_gains, unexplained),
         of_channels=of_channels,
         output_deviation=deviations.output,
         duty_deviation=deviations.duty,
         duty_change_deviation=deviations.change,
-        excess_deviation=accepted_excesses(temperature_limits, excess_deviation),
+        excess_deviation=accepted_excesses(limits, settings.excess_deviation),
         adaptation=np.asarray(1 - slowest**SLOWNESS),
-        temperature_limits=temperature_limits,
-        read_channels=read_channels,
-        point_names=point_names,
+        temperature_limits=limits,
+        read_channels=read,
+        point_names=settings.point_names,
         horizon=horizon,
         control_horizon=moves,
         rate_limit=None if rate_limit is None else checked_rate(rate_limit),
-        limits=limits,
-        has_own_limits=has_own_limits,
+        limits=settings.limits,
+        has_own_limits=settings.has_own_limits,
         sample_time_s=time,
         designed_for=plant.outputs.operating_point.rig,
-        preview=true_or_false("MPC: preview", preview, ControlError),
-        measured=measured,
-        counts=counts,
+        preview=true_or_false("MPC: preview", settings.preview, ControlError),
+        measured=settings.measured,
+        counts=settings.counts,
     )
