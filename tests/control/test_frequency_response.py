@@ -211,3 +211,12 @@ def test_the_response_of_a_discrete_model_is_that_of_python_control():
     )
     traced = jax.jit(lambda m: m.frequency_response(omega))(model)
     np.testing.assert_allclose(traced, model.frequency_response(omega), rtol=1e-3)
+
+
+@pytest.mark.python_control
+def test_margins_of_a_discrete_model_are_those_of_python_control():
+    import control
+
+    loop = StateSpace([[-0.1]], [[0.5]], [[1.0]], [[0.0]], delay_s=2.0).discretise(1.0)
+    theirs = control.margin(loop.to_control())
+    np.testing.assert_allclose(tuple(margins(loop)), theirs, rtol=1e-6)

@@ -53,7 +53,7 @@ def plot_bode(
     frequencies = bode_frequencies(first) if omega is None else np.asarray(omega, float)
     figure, grid = _bode_panels(first.input_names, frequencies, 5.4, (1, 1))
     for number, (label, model) in enumerate(named.items()):
-        response = np.asarray(model.frequency_response(frequencies))
+        response = _response(model, frequencies)
         for column, (gain, phase) in enumerate(grid.T):
             channels, mean = np.abs(response[:, :, column]), response[:, :, column].mean(axis=1)
             band = (np.abs(mean), channels.min(axis=1), channels.max(axis=1))
@@ -65,9 +65,9 @@ def plot_bode(
             axes.axvline(1 / float(first.lag_s), color=palette().muted, lw=0.8, ls="--")
     means = np.stack([_of_mean(model, frequencies) for model in named.values()])
     gains, phases = np.abs(means), _degrees(np.moveaxis(means, 1, -1))
-    least = max(float(gains.min()), float(gains.max()) * MIN_GAIN)
-    grid[0, 0].set_ylim(least / 2, float(gains.max()) * 5)
-    low, high = np.floor(phases.min() / 90) * 90, np.ceil(phases.max() / 90) * 90
+    least = max(float(np.nanmin(gains)), float(np.nanmax(gains)) * MIN_GAIN)
+    grid[0, 0].set_ylim(least / 2, float(np.nanmax(gains)) * 5)
+    low, high = np.floor(np.nanmin(phases) / 90) * 90, np.ceil(np.nanmax(phases) / 90) * 90
     grid[1, 0].set_ylim(low - 10, high + 10)
     if len(named) > 1:
         grid[0, 0].legend(loc="lower left")
@@ -76,14 +76,16 @@ def plot_bode(
 
 def bode_frequencies(model: StateSpace) -> np.ndarray:
     """The frequencies from a tenth of the slowest pole to ten times the lag, rad/s, or to where the
-    gain of all inputs has fallen to `MIN_GAIN`."""
+    gain of all inputs has fallen to `MIN_GAIN`; of a discrete model to half the sample rate."""
     slowest = 1 / float(model.time_constants_s[0])
     slowest = slowest if slowest > 0 else 1e-3
     top = 10 / float(model.lag_s) if model.is_lagged else 100 * slowest
     omega = np.geomspace(slowest / 10, max(top, 10 * slowest), 400)
+    if model.sample_time_s is not None:
+        omega = omega[omega < np.pi / model.sample_time_s]
     mean = np.abs(np.asarray(model.frequency_response(omega)).mean(axis=1)).max(axis=1)
     (seen,) = np.nonzero(mean >= MIN_GAIN * mean.max())
-    return np.geomspace(omega[0], max(omega[seen[-1]], 10 * slowest), 400)
+    return np.geomspace(omega[0], max(omega[seen[-1]], min(10 * slowest, omega[-1])), 400)
 
 
 # The quantiles of the draws between which a band lies.
@@ -157,7 +159,17 @@ def _bode_panels(
 def _of_mean(
     model: StateSpace, omega: Float[np.ndarray, " frequency"]
 ) -> Complex[np.ndarray, "frequency inputs"]:
-    return np.asarray(model.frequency_response(omega)).mean(axis=1)
+    return _response(model, omega).mean(axis=1)
+
+
+def _response(
+    model: StateSpace, omega: Float[np.ndarray, " frequency"]
+) -> Complex[np.ndarray, "frequency outputs inputs"]:
+    """The response of a model; NaN above half the sample rate of a discrete one."""
+    response = np.array(model.frequency_response(omega))
+    if model.sample_time_s is not None:
+        response[omega > np.pi / model.sample_time_s] = np.nan
+    return response
 
 
 def _degrees(
@@ -166,8 +178,8 @@ def _degrees(
     return np.degrees(np.unwrap(np.angle(response), axis=-1))
 
 
-LEAST, MOST = 1.8, 6.0
-"""The part of the plane to the left of the origin that is shown, so that the disk is in it."""
+# The part of the plane to the left of the origin that is shown, so that the disk is in it.
+MIN_SHOWN, MAX_SHOWN = 1.8, 6.0
 
 
 @styled
@@ -188,10 +200,10 @@ def plot_nyquist(margins: LoopMargins) -> Figure:
     """
     figure, ((axes,),) = panels(1, 1, 5.4, 4.6)
     low, high = margins.disk.gain
-    shown = LEAST
+    shown = MIN_SHOWN
     if low > 0 and np.isfinite(high):
         left, right = -1 / low, -1 / high
-        shown = float(np.clip(-1.1 * left, LEAST, MOST))
+        shown = float(np.clip(-1.1 * left, MIN_SHOWN, MAX_SHOWN))
         color, label = palette().vermilion, f"disk margin {margins.disk.margin:.2f}"
         look = {"fc": color, "ec": color, "alpha": 0.25, "lw": 1, "label": label}
         axes.add_patch(Circle(((left + right) / 2, 0), (right - left) / 2, **look))

@@ -90,11 +90,11 @@ def margins(
     - `loop`: a function from frequencies, rad/s, to the response of plant times controller; or a
       model with a single input and output.
     - `omega`: increasing frequencies between which crossings are searched, rad/s; None for 1e-6 to
-      1e3.
+      1e3, of a discrete model to half the sample rate.
 
     **Raises:** `ControlError` if the loop has several channels or is not finite.
     """
-    response, omega = _scalar(loop), _frequencies(omega)
+    response, omega = _scalar(loop), _frequencies(loop, omega)
     values = response(omega)
     gains = np.log(np.maximum(np.abs(values), 1e-300))
     crossings = _zeros(lambda w: np.log(np.abs(response(w))), omega, gains)
@@ -126,7 +126,7 @@ def sensitivity_peak(
 
     - `loop`, `omega`: as in `margins`; several channels are a square matrix at each frequency.
     """
-    return _peak(_square(loop), _frequencies(omega), 0.0)
+    return _peak(_square(loop), _frequencies(loop, omega), 0.0)
 
 
 def disk_margin(
@@ -148,7 +148,7 @@ def disk_margin(
     - `skew`: $\sigma$; 0 for gains that may fall as much as rise, 1 for the reciprocal of the
       sensitivity's peak.
     """
-    peak, at = _peak(_square(loop), _frequencies(omega), (skew - 1) / 2)
+    peak, at = _peak(_square(loop), _frequencies(loop, omega), (skew - 1) / 2)
     margin = 1 / peak
     low = (2 - margin * (1 - skew)) / (2 + margin * (1 + skew))
     above = 2 - margin * (1 + skew)
@@ -199,8 +199,13 @@ def _zero(function: Callable[[float], float], low: float, high: float) -> float:
     return float(brentq(function, low, high, xtol=1e-300, rtol=1e-13))  # pyright: ignore
 
 
-def _frequencies(omega: Float[np.ndarray, " frequency"] | None) -> Float[np.ndarray, " frequency"]:
+def _frequencies(
+    loop: StateSpace | Loop, omega: Float[np.ndarray, " frequency"] | None
+) -> Float[np.ndarray, " frequency"]:
     if omega is None:
+        if isinstance(loop, StateSpace) and loop.sample_time_s is not None:
+            # Up to half the sample rate, where the response begins to repeat itself.
+            return np.geomspace(OMEGA[0], np.pi / loop.sample_time_s, len(OMEGA))
         return OMEGA
     omega = np.asarray(omega, float)
     if omega.ndim != 1 or len(omega) < 2 or not (omega[0] > 0 and np.all(np.diff(omega) > 0)):
