@@ -18,7 +18,6 @@ from ._units import (
     HEAT_CAPACITY,
     TEMPERATURE,
     THERMAL_RESISTANCE,
-    Kind,
 )
 from ._value import Switched, Value
 
@@ -206,10 +205,7 @@ def _nonlinear(table: "BodyLinkTable", at: str, fields: Fields) -> NonlinearLink
             fields.refuse(at, f"expected {expected}, got none of them")
         return None
 
-    def optional(name: str, kind: Kind) -> Value | None:
-        text = getattr(table, name)
-        return None if text is None else fields.value(f"{at}.{name}", text, kind)
-
+    optional = partial(fields.optional, at, table)
     area = optional("radiating_area", AREA)
     emissivity = optional("emissivity", EMISSIVITY)
     return NonlinearLink(

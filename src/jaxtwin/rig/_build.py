@@ -189,9 +189,7 @@ def build_rig(data: dict[str, Any], source: str) -> Rig:
         parameter_sets=sets,
         source=source,
         limits=table.limits and build_limits(table.limits, fields),
-        ambient_drift=None
-        if table.ambient.drift is None
-        else fields.value("ambient.drift", table.ambient.drift, TEMPERATURE_RATE),
+        ambient_drift=fields.optional("ambient", table.ambient, "drift", TEMPERATURE_RATE),
         sensors=table.sensors
         and Sensors(fields.constant("sensors.noise", table.sensors.noise, NOISE)),
     )

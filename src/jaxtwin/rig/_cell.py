@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, final
 
 from ._bodies import Body, blown
@@ -219,9 +220,7 @@ def build_cell(table: "CellTable", plate: Plate, bodies: Sequence[Body], fields:
             "expected a sink_air_resistance beside a fan, got none; give it, which the fan lowers",
         )
 
-    def optional(name: str, kind: Kind) -> Value | None:
-        text = getattr(table, name)
-        return None if text is None else fields.value(f"{at}.{name}", text, kind)
+    optional = partial(fields.optional, at, table)
 
     def constant(name: str, kind: Kind) -> Value:
         given = optional(name, kind)

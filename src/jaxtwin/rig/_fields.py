@@ -77,6 +77,14 @@ class Fields:
         self._used.add(text)
         return Value(1.0, ((text, 1.0),))
 
+    def optional(self, at: str, table: object, key: str, kind: Kind) -> Value | None:
+        """Converts the quantity of a key of a table as `value`; None where the file gives none.
+
+        **Raises:** `RigError` as `value`.
+        """
+        text = getattr(table, key)
+        return None if text is None else self.value(f"{at}.{key}", text, kind)
+
     def depends_on_input(self, value: Value) -> bool:
         """Whether a value depends on an input."""
         return depends_on(value, tuple(self._inputs.values()))
@@ -164,6 +172,14 @@ class Fields:
         if problem:
             self.refuse(field, f"expected {problem}, got {text!r}")
         return number
+
+    def optional_constant(self, at: str, table: object, key: str, kind: Kind) -> float | None:
+        """Converts the quantity of a key of a table as `constant`; None where the file gives none.
+
+        **Raises:** `RigError` as `constant`.
+        """
+        text = getattr(table, key)
+        return None if text is None else self.constant(f"{at}.{key}", text, kind)
 
     def full_scale(self, field: str, text: str | None) -> tuple[float, str] | None:
         """Converts the power, the voltage or the current of full duty to a number and its unit.

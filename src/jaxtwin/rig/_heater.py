@@ -231,13 +231,9 @@ def build_heater(
     return Heater(
         name=table.name,
         node=table.name if table.capacitance is not None else _heated(table, plate, bodies, fields),
-        power=None
-        if table.power is None
-        else fields.value(f"{at}.power", table.power, HEATER_POWER),
-        electrical_resistance=None
-        if table.electrical_resistance is None
-        else fields.value(
-            f"{at}.electrical_resistance", table.electrical_resistance, ELECTRICAL_RESISTANCE
+        power=fields.optional(at, table, "power", HEATER_POWER),
+        electrical_resistance=fields.optional(
+            at, table, "electrical_resistance", ELECTRICAL_RESISTANCE
         ),
         placement=build_placement(at, table, plate, fields),
         drive_exponent=exponent,

@@ -6,6 +6,7 @@ file.
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Literal, final
 
 import numpy as np
@@ -263,7 +264,7 @@ def build_channel(
             table.own_keys(), SensorSite(plate, tuple(bodies), at, fields)
         ),
         fields.value(f"{at}.gain", table.gain, FACTOR),
-        None if table.lag is None else fields.value(f"{at}.lag", table.lag, DURATION),
+        fields.optional(at, table, "lag", DURATION),
     )
 
 
@@ -340,16 +341,12 @@ def build_driver(
     if table.delay is not None and table.lag is None:
         # Without a ramp the temperatures would not be smooth in the delay.
         fields.refuse("driver.delay", "expected a lag beside the delay, got none; give driver.lag")
-    lag, delay = (
-        None if text is None else fields.value(f"driver.{name}", text, DURATION)
-        for name, text in (("lag", table.lag), ("delay", table.delay))
-    )
+    lag, delay = (fields.optional("driver", table, name, DURATION) for name in ("lag", "delay"))
     supply_resistance, on_resistance = (
         fields.value(f"driver.{name}", getattr(table, name) or "0 ohm", SERIES_RESISTANCE)
         for name in ("supply_resistance", "on_resistance")
     )
     voltage = table.supply_voltage or "1 V"  # which nothing uses
-    limit = table.current_limit
     return Driver(
         supply_voltage=fields.input_or_value("driver.supply_voltage", voltage, VOLTAGE),
         supply_resistance=supply_resistance,
@@ -361,9 +358,7 @@ def build_driver(
         off_phase=table.off_phase,
         lag=lag,
         delay=delay,
-        current_limit=None
-        if limit is None
-        else fields.value("driver.current_limit", limit, CURRENT),
+        current_limit=fields.optional("driver", table, "current_limit", CURRENT),
     )
 
 
@@ -376,11 +371,7 @@ def build_limits(table: "LimitsTable", fields: Fields) -> Limits:
 
     **Raises:** `RigError` if a value is wrong, or the lowest reading is above the highest.
     """
-
-    def optional(name: str, kind: Kind) -> float | None:
-        text = getattr(table, name)
-        return None if text is None else fields.constant(f"limits.{name}", text, kind)
-
+    optional = partial(fields.optional_constant, "limits", table)
     limits = Limits(
         temperature=fields.constant("limits.temperature", table.temperature, TEMPERATURE),
         cell_temperature=optional("cell_temperature", TEMPERATURE),

@@ -43,7 +43,7 @@ def build_plate(table: "PlateTable", has_circuit: bool, fields: Fields) -> Plate
     columns, rows = build_grid(table, fields)
     of_geometry = ("material", *_NEEDED, "film_row_factor", "emissivity")
     given = [name for name in of_geometry if getattr(table, name) is not None]
-    exponent = _optional("film_exponent", table.film_exponent, EXPONENT, fields)
+    exponent = fields.optional("plate", table, "film_exponent", EXPONENT)
     if has_circuit:
         if given:
             fields.refuse(
@@ -79,7 +79,7 @@ def build_plate(table: "PlateTable", has_circuit: bool, fields: Fields) -> Plate
     )
     factor = _each("film_row_factor", table.film_row_factor or "1", rows, FACTOR, fields, by_part)
     thickness = fields.value("plate.thickness", table.thickness, LENGTH)
-    emissivity = _optional("emissivity", table.emissivity, EMISSIVITY, fields)
+    emissivity = fields.optional("plate", table, "emissivity", EMISSIVITY)
     return Plate(
         columns,
         rows,
@@ -92,10 +92,6 @@ def build_plate(table: "PlateTable", has_circuit: bool, fields: Fields) -> Plate
         exponent,
         emissivity,
     )
-
-
-def _optional(name: str, text: str | None, kind: Kind, fields: Fields) -> Value | None:
-    return None if text is None else fields.value(f"plate.{name}", text, kind)
 
 
 def _each(
