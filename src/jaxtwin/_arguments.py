@@ -94,7 +94,11 @@ def finite_number(
         expected += f", in {unit}"
     if is_pint(value):  # whose unit a conversion would lose
         _refuse(where, value, f"{expected} without a unit", error)
-    if np.ndim(value) or np.asarray(value).dtype.kind not in "iuf":
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError):  # traced by JAX, or of rows of different lengths
+        _refuse(where, value, expected, error)
+    if array.ndim or array.dtype.kind not in "iuf":
         _refuse(where, value, expected, error)
     number = float(value)
     is_above = (above is None or number > above) and (least is None or number >= least)

@@ -294,7 +294,7 @@ def test_power_and_energy_are_those_of_the_run(twin: Twin, pid: PID, delay: floa
         (35, {"sensor_delay": 0.3}, "expected a multiple of the step of the plant"),
         (35, {"failed_channels": {"T99": 1.0}}, "unknown channel 'T99'"),
         (35, {"disturbances": [Draught(("V99",), 0, 1, 1)]}, "unknown element 'V99'"),
-        (35, {"silence": -1}, "silence: expected at least 0 s, got -1 s"),
+        (35, {"silence": -1}, "silence: expected a number of at least 0, in s, got -1"),
         (35, {"initial": -300}, "initial: expected -273.15 degC and above, got -300 degC"),
         (
             35,

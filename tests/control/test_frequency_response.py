@@ -220,3 +220,14 @@ def test_margins_of_a_discrete_model_are_those_of_python_control():
     loop = StateSpace([[-0.1]], [[0.5]], [[1.0]], [[0.0]], delay_s=2.0).discretise(1.0)
     theirs = control.margin(loop.to_control())
     np.testing.assert_allclose(tuple(margins(loop)), theirs, rtol=1e-6)
+
+
+def test_at_half_the_sample_rate_a_loop_may_lose_its_gain_margin():
+    """By hand: at z = -1 the response is 0.5 / (-1 - 0.9)."""
+    loop = StateSpace([[0.9]], [[0.5]], [[1.0]], [[0.0]], sample_time_s=1.0)
+    found = margins(loop)
+    assert found.gm == pytest.approx(3.8)
+    assert found.wcg == pytest.approx(np.pi)
+    assert found.pm == pytest.approx(86.18, abs=0.01)
+    with pytest.raises(ControlError, match="omega: expected frequencies up to half the sample"):
+        margins(loop, omega=np.geomspace(0.01, 10))

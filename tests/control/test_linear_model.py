@@ -1,6 +1,7 @@
 """Linear models against central differences, SciPy, solutions by hand and the twin itself."""
 
 import dataclasses
+from typing import Any
 
 import jax
 import numpy as np
@@ -9,7 +10,7 @@ from central_differences import differences
 from scipy.signal import cont2discrete
 
 from jaxtwin import Experiment, Twin, linearize, simulate
-from jaxtwin.control import StateSpace
+from jaxtwin.control import OperatingPoint, StateSpace
 from jaxtwin.errors import ControlError, ParameterError
 
 POINTS = [
@@ -293,3 +294,45 @@ def test_weighted_outputs_and_the_last_command_as_a_state_change_no_reading():
         state = mean.step(state, last)
         np.testing.assert_allclose(read, mean.outputs(state, last), rtol=1e-12)
         assert abs(read - mean.outputs(state, now)) > 1e-6
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"sample_time_s": 0.0}, "sample_time_s: expected a number above 0, in s, got 0"),
+        ({"sample_time_s": np.nan}, "sample_time_s: expected a number above 0"),
+        ({"delay_s": 2.0, "is_delayed": False}, "delay_s: expected 0 s, as the model is said to"),
+        ({"lag_s": 0.0, "is_lagged": True}, "lag_s: expected a time above 0 s, as the model is"),
+        ({"output_names": "a"}, "output_names: expected 1 names, got 'a'"),
+        (
+            {
+                "operating_point": OperatingPoint(
+                    np.zeros(2), np.zeros(1), np.zeros(1), np.zeros(())
+                )
+            },
+            r"operating_point: duty: expected 1 numbers, got an array of shape \(2,\)",
+        ),
+    ],
+)
+def test_what_a_model_cannot_be_is_refused(settings: dict[str, Any], message: str):
+    with pytest.raises(ControlError, match=message):
+        StateSpace([[-1.0]], [[1.0]], [[1.0]], [[0.0]], **settings)
+
+
+def test_an_integrator_has_no_gain_at_rest_and_can_be_shown():
+    model = StateSpace([[0.0]], [[1.0]], [[1.0]], [[0.0]])
+    for integrator in (model, model.discretise(1.0)):
+        with pytest.raises(ControlError, match="comes to rest under a constant duty"):
+            _ = integrator.dcgain
+        assert "y1" in integrator._repr_html_()
+
+
+def test_the_states_of_a_reduced_model_are_no_temperatures():
+    with pytest.raises(ControlError, match="got a reduced one; call it before reduce"):
+        linearize(Twin("dual-cell"), duty=0.4).reduce(4).with_states_as_outputs(["balanced 1"])
+
+
+def test_the_old_name_of_the_offset_warns():
+    model = StateSpace([[-1.0]], [[1.0]], [[1.0]], [[0.0]], offset=[0.2])
+    with pytest.warns(DeprecationWarning, match=r"StateSpace\.offset"):
+        assert model.rates == 0.2

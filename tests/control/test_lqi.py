@@ -1,5 +1,6 @@
 """LQI: gains by hand and by python-control, limits, start, and a loop without offset."""
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -230,8 +231,20 @@ def test_a_controller_of_another_rigs_model_is_refused(twin: Twin, design: Any, 
 def test_the_constructor_takes_the_arguments_of_the_design_with_a_warning(kind: Any, design: Any):
     model = plate()
     given: dict[str, Any] = {"measured": ["left", "right"], "limits": (0, 1)}
-    with pytest.warns(
-        DeprecationWarning, match=rf"{kind.__name__}\(...\) is now {design.__name__}"
-    ):
-        old = kind(model, **given)
-    assert eqx.tree_equal(old, design(model, **given))
+    for old in (lambda: kind(model, **given), lambda: kind(model=model, **given)):
+        with pytest.warns(DeprecationWarning, match=rf"is now {design.__name__}") as warned:
+            assert eqx.tree_equal(old(), design(model, **given))
+        # Python shows the warnings of the script that is run, not those of libraries.
+        assert "equinox" not in warned[0].filename
+
+
+def test_only_a_design_with_weights_is_designed_again():
+    lqi = design_lqi(plate(), measured=["left", "right"])
+    with pytest.raises(ControlError, match=r"redesigned: unknown weight 'drfit'.* drift"):
+        lqi.redesigned({"drfit": 0.2})
+    with pytest.raises(ControlError, match="expected an LQI with the weights of its design"):
+        dataclasses.replace(lqi, weights=None).redesigned({"drift": 0.2})
+    with pytest.raises(ControlError, match="setpoint_weight: expected finite numbers"):
+        dataclasses.replace(lqi, setpoint_weight=-0.5)
+    refusing("setpoint_weight: expected one number, or one for", setpoint_weight=[1.0] * 3)
+    refusing("drift: expected a finite number above 0, or 1 of them, got True", drift=True)

@@ -331,7 +331,7 @@ def test_a_cost_that_is_not_known_to_be_convex_is_refused():
     [
         ({"points": ["a"]}, "MPC: points: expected names of outputs of the model together with"),
         ({"evenness": RangeCost()}, "MPC: points: expected names of outputs"),
-        ({"evenness": RangeCost(), "points": ["z"]}, "measured: unknown channel 'z'"),
+        ({"evenness": RangeCost(), "points": ["z"]}, "points: unknown output 'z'"),
         (
             {"evenness": RangeCost(), "points": ["a"], "point_errors": np.ones((2, 2))},
             r"MPC: point_errors: expected finite numbers of 1 points by 3 channels",

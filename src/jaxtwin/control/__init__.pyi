@@ -29,7 +29,9 @@ from .controllers._mpc_programs import RangeCost as RangeCost  # hottest less co
 from .controllers._mpc_programs import SquaresCost as SquaresCost  # of all deviations
 from .controllers._mpc_programs import WorstPointCost as WorstPointCost  # minimax
 from .controllers._nonlinear_mpc import NonlinearMPC as NonlinearMPC  # the twin is its model
-from .controllers._nonlinear_mpc import design_nonlinear_mpc as design_nonlinear_mpc  # twin -> it
+from .controllers._nonlinear_mpc import (
+    design_nonlinear_mpc as design_nonlinear_mpc,  # twin -> NonlinearMPC
+)
 from .controllers._pid import PID as PID
 from .controllers._relay import Relay as Relay  # an oscillation at the critical frequency
 from .controllers._time_proportional import (
@@ -46,7 +48,7 @@ from .linear._margins import disk_margin as disk_margin  # of a loop with one ch
 from .linear._margins import margins as margins  # of a loop with a single channel
 from .linear._margins import sensitivity_peak as sensitivity_peak  # by how much a loop makes worse
 from .linear._operating_point import OperatingPoint as OperatingPoint  # a steady state
-from .linear._state_space import StateSpace as StateSpace  # a linear model near such a point
+from .linear._state_space import StateSpace as StateSpace  # a linear model, continuous or discrete
 from .loops._closed_loop import closed_loop as closed_loop  # a closed loop as a pure JAX function
 from .loops._closed_loop_run import ClosedLoopRun as ClosedLoopRun  # the result, with labels
 from .loops._control import Decision as Decision  # a sample of a controller on a live rig

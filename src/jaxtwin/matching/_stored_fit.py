@@ -204,9 +204,9 @@ class StoredFit:
 
 STORED_FIT_ADAPTER = pydantic.TypeAdapter(StoredFit)
 
-# The fields of a fit that its table holds as they are. These two have another form there.
+# The fields of a fit that its table holds as they are.
 SAME_FIELDS = {each.name for each in fields(StoredFit)} & {each.name for each in fields(Fit)}
-SAME_FIELDS -= {"parameters", "recordings"}
+SAME_FIELDS -= {"parameters", "recordings"}  # which have another form there
 
 
 def stored_fit(fit: Fit) -> StoredFit:

@@ -25,7 +25,7 @@ MIN_FILM_RISE = 1.0
 """The rise below which the film stops falling, K: the air of a room is never still, and a
 fractional power has no derivative at zero."""
 
-# By which the square of a rise is divided, 1/K^2: the film is that of the matrix at the reference.
+# The factor of the squared rise with which the film is that of the matrix at the reference, 1/K^2.
 FILM_SCALE = 1 / (FILM_REFERENCE**2 + MIN_FILM_RISE**2)
 
 # The temperature at which the radiation of a link is a part of the conductance matrix, K.
@@ -51,7 +51,11 @@ def lost_heat(
 
     C and SPICE are written from this function (`_make_laws.py`), so that it takes scalars too.
 
-    **Arguments:** those of `NonlinearLoss.heat`, then $g$, $n / 2$, $\varepsilon \sigma A$ and $b$.
+    **Arguments:** the symbols are those of `NonlinearLoss`.
+
+    - `rise`, `ambient`: as in `NonlinearLoss.heat`.
+    - `film`: $g$, W/K. `half_exponent`: $n / 2$.
+    - `radiating`: $\varepsilon \sigma A$, W/K^4. `linear`: $b$, K^3.
     """
     square = (rise**2 + MIN_FILM_RISE**2) * FILM_SCALE
     # Not a power: its derivative would be another one.

@@ -188,7 +188,9 @@ def infix(term: Term, syntax: Syntax, names: Mapping[Term, str], above: int = 0)
     """
     match names.get(term, term):
         case float(number):
-            return f"{number:.0f}" if number.is_integer() else syntax.number.format(number)
+            # Larger whole numbers are no integers of C.
+            is_whole = number.is_integer() and abs(number) < 2**31
+            return f"{number:.0f}" if is_whole else syntax.number.format(number)
         case str(name):
             return name
         case ("power", base, exponent):

@@ -36,7 +36,7 @@ def plot_bode(
     - `omega`: the frequencies, rad/s; by default from a tenth of the slowest pole to ten times the
       lag's or, without a lag, a hundred times the slowest pole, but only as far as the gain is at
       least a thousandth of the largest. Beyond, the response is below any noise, and a delay turns
-      the phase without end.
+      the phase without end. Discrete models are drawn to half their sample rate.
 
     **Returns:** the figure.
 

@@ -21,6 +21,7 @@ from jaxtyping import Array, ArrayLike, Float, PyTree
 from ..._arguments import finite_number, is_ordered
 from ..._name_suggestions import unknown_name
 from ..._number_text import short_number
+from ..._pint_quantities import is_pint
 from ...errors import ControlError
 from ...rig import Rig
 from ._controller_fields import (
@@ -380,9 +381,32 @@ class AbstractController(eqx.Module):
         """
 
 
-def took_design_arguments(design: str) -> Callable[[type[Controller]], type[Controller]]:
+def redesign_weights(
+    controller: str, designed: Mapping[str, Any], given: Mapping[str, Numbers]
+) -> dict[str, Any]:
+    """The weights of another design: those of a design, of which some are replaced.
+
+    **Arguments:**
+
+    - `controller`: the name of the class, for messages.
+    - `designed`: the weights of its own design.
+
+    **Raises:** `ControlError` if it has none, such as a controller of a file, or for another name.
+    """
+    if not designed:
+        raise ControlError(
+            f"redesigned: expected an {controller} with the weights of its design, got one of a "
+            "file, with an observer, or with points that are to be even"
+        )
+    for name in given:
+        if name not in designed:
+            raise ControlError(f"redesigned: {unknown_name('weight', name, designed)}")
+    return {**designed, **given}
+
+
+def accepts_design_arguments(design: str) -> Callable[[type[Controller]], type[Controller]]:
     """Lets the constructor of a class take the arguments of its design, as it did up to version
-    0.2, with a warning. It goes with the next version.
+    0.2, with a warning. It is removed in version 0.4.
 
     **Arguments:**
 
@@ -394,9 +418,9 @@ def took_design_arguments(design: str) -> Callable[[type[Controller]], type[Cont
 
         @functools.wraps(store)
         def init(self: Controller, *given: Any, **named: Any) -> None:
-            if given or ("model" in named and "kalman" not in named):
-                name = controller.__name__
-                warnings.warn(f"{name}(...) is now {design}(...)", DeprecationWarning, stacklevel=3)
+            if given or "kalman" not in named:
+                message = f"{controller.__name__}(...) is now {design}(...)"
+                warnings.warn(message, DeprecationWarning, stacklevel=_caller_level())
                 designed = getattr(sys.modules[controller.__module__], design)(*given, **named)
                 fields = dataclasses.fields(designed)
                 named = {field.name: getattr(designed, field.name) for field in fields}
@@ -406,6 +430,14 @@ def took_design_arguments(design: str) -> Callable[[type[Controller]], type[Cont
         return controller
 
     return decorate
+
+
+def _caller_level() -> int:
+    """The `stacklevel` of a warning in a constructor, which equinox calls, for its caller."""
+    frame, level = sys._getframe(2), 2
+    while frame is not None and "equinox" in frame.f_code.co_filename:
+        frame, level = frame.f_back, level + 1
+    return level
 
 
 class AbstractChannelGroupController(AbstractController):
@@ -483,7 +515,8 @@ def checked_measured(where: str, measured: Any) -> tuple[tuple[str, ...], ...] |
         return None
     parts = _in_order(measured)
     groups = tuple((part,) if isinstance(part, str) else _in_order(part) for part in parts)
-    if not groups or not all(groups):
+    names = [name for group in groups for name in group]
+    if not groups or not all(groups) or not all(isinstance(name, str) for name in names):
         raise ControlError(
             f"{where}: measured: expected channels, or groups of channels, such as "
             f"[['T11', 'T12'], ['T15', 'T16']], got {measured!r}"
@@ -516,6 +549,8 @@ def checked_deviations(
     and above 0.
     """
     try:
+        if is_pint(value) or np.asarray(value).dtype.kind not in "iuf":
+            raise TypeError
         numbers = np.broadcast_to(np.asarray(value, float), (size,)).copy()
         if not np.all(np.isfinite(numbers) & (numbers > 0)):
             raise ValueError

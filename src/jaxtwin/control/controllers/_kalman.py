@@ -65,10 +65,10 @@ class KalmanFilter(AbstractEstimator):
     **Arguments:** the states are those of the plant, followed by the disturbances, K.
 
     - `A`, `B`, `C`: matrices of these states.
-    - `L`: the filter gain.
+    - `L`: the filter gain, the change of the states per K.
     - `by_duty`, `by_reading`: the states at rest per unit of duty, and what 1 K of a reading that
       the duty does not explain adds to them.
-    - `disturbed`: the duty like which a disturbance of 1 K acts.
+    - `disturbance_to_duty`: the duty that is equivalent to a disturbance of 1 K, 1/K.
     """
 
     A: Float[Array | np.ndarray, "state state"]
@@ -77,7 +77,7 @@ class KalmanFilter(AbstractEstimator):
     L: Float[Array | np.ndarray, "state output"]
     by_duty: Float[Array | np.ndarray, "state cell"]
     by_reading: Float[Array | np.ndarray, "state output"]
-    disturbed: Float[Array | np.ndarray, "cell disturbance"]
+    disturbance_to_duty: Float[Array | np.ndarray, "cell disturbance"]
 
     def init(
         self, duty: Float[Array, " cell"], readings: Float[Array, " output"]
@@ -137,12 +137,12 @@ def kalman_tables(kalman: KalmanFilter, point: OperatingPoint) -> dict[str, LawT
     return {name: (np.asarray(values, float), text) for name, (values, text) in tables.items()}
 
 
-def disturbance_duty(
+def disturbance_to_duty(
     gain: Float[np.ndarray, "reading cell"],
 ) -> Float[np.ndarray, "cell disturbance"]:
-    """The duty like which disturbances act, at most one for each cell: each moves one reading at
-    rest by 1 K; of more readings than cells, all of them by 1 K in the mean square, in the
-    directions that the cells reach.
+    """The duty that is equivalent to a disturbance of 1 K, 1/K, for at most as many disturbances as
+    cells: each moves one reading at rest by 1 K; of more readings than cells, all of them by 1 K in
+    the mean square, in the directions that the cells reach.
 
     **Arguments:**
 
@@ -186,18 +186,18 @@ def filter_with_gain(read: StateSpace, L: Float[np.ndarray, "estimated reading"]
 
 def _with_disturbances(read: StateSpace) -> dict[str, Float[np.ndarray, "..."]]:
     """The matrices of a `KalmanFilter`, but for its gain."""
-    disturbed, states = disturbance_duty(np.asarray(read.dcgain)), len(read.A)
-    cells, unknown = disturbed.shape
+    to_duty, states = disturbance_to_duty(np.asarray(read.dcgain)), len(read.A)
+    cells, unknown = to_duty.shape
     unit, no_duty = np.eye(unknown), np.zeros((unknown, cells))
     C = np.hstack([read.C, np.zeros((len(read.C), unknown))])
-    by_disturbance = np.vstack([read.steady_states @ disturbed, unit])
+    by_disturbance = np.vstack([read.steady_states @ to_duty, unit])
     return {
-        "A": np.block([[read.A, read.B @ disturbed], [np.zeros((unknown, states)), unit]]),
+        "A": np.block([[read.A, read.B @ to_duty], [np.zeros((unknown, states)), unit]]),
         "B": np.vstack([read.B, no_duty]),
         "C": C,
         "by_duty": np.vstack([read.steady_states, no_duty]),
         "by_reading": by_disturbance @ np.linalg.pinv(C @ by_disturbance),
-        "disturbed": disturbed,
+        "disturbance_to_duty": to_duty,
     }
 
 
@@ -207,22 +207,6 @@ def is_stable(kalman: KalmanFilter) -> bool:
     poles = np.linalg.eigvals(A @ (np.eye(len(A)) - L @ C))
     return bool(np.abs(poles).max() < MAX_STABLE_POLE)
 
-
-# What an observer of a nonlinear twin knows, for the Kalman filter of a linear plant.
-#
-# The observer estimates the temperatures of all nodes, from which the first states $x$ of the plant
-# follow by its projection; the others are commands on their way. What the twin does in the next
-# sample beyond the plant under the same duty is known to it: heat that the observer has found, a
-# room that is not that of the operating point, values of the twin that have drifted, and what is
-# not linear. With $x^+$ the projection of the observer's own prediction,
-#
-# $$d = C (I - A)^{-1} (x^+ - A x - B u)$$
-#
-# is what it changes of the outputs at rest, K. It is an input of the filter, and a part of the
-# disturbance under which a controller plans. The filter estimates the rest from the outputs, and so
-# there is no offset, whatever the errors of observer and plant. A regulator on the observer's
-# states alone has one: a lasting innovation, such as of heat that the observer takes for an error
-# of the camera, moves its states at every sample and never its prediction.
 
 # An observer of a twin that knows what the twin does next.
 TwinObserver = ExtendedKalmanFilter | MovingHorizonEstimator
@@ -244,10 +228,27 @@ class TwinEstimate(NamedTuple):
 
 @final
 class TwinEstimator(AbstractEstimator):
-    """Estimates the states of a plant by its Kalman filter, which knows from an observer of the
+    r"""Estimates the states of a plant by its Kalman filter, which knows from an observer of the
     twin what the plant lacks. Its readings are those of the filter, and all channels and the room,
     degC; NaN for a room that is not measured.
 
+    The observer estimates the temperatures of all nodes, from which the first states $x$ of the plant
+    follow by its projection; the others are commands on their way. What the twin does in the next
+    sample beyond the plant under the same duty is known to it: heat that the observer has found, a
+    room that is not that of the operating point, values of the twin that have drifted, and what is
+    not linear. With $x^+$ the projection of the observer's own prediction,
+
+    $$d = C (I - A)^{-1} (x^+ - A x - B u)$$
+
+    is what it changes of the outputs at rest, K. It is an input of the filter, and a part of the
+    disturbance under which a controller plans. The filter estimates the rest from the outputs, and
+    so there is no offset, whatever the errors of observer and plant. A regulator on the observer's
+    states alone has one: a lasting innovation, such as of heat that the observer takes for an error
+    of the camera, moves its states at every sample and never its prediction.
+
+    **Arguments:**
+
+    - `observer`: the observer. `kalman`: the filter.
     - `duty`, `nodes`: the operating point, with the temperatures of the nodes, degC.
     - `projection`: the first states of the plant by the temperatures of the nodes.
     - `to_disturbance`: what a change of the first states in a sample means for the outputs at rest.
@@ -269,7 +270,7 @@ class TwinEstimator(AbstractEstimator):
         twin = self.observer.init(jnp.mean(channels), duty + self.duty)
         plant = self.kalman.init(duty, read)
         return TwinEstimate(
-            twin, plant, duty, jnp.zeros(self.kalman.disturbed.shape[1], plant.dtype)
+            twin, plant, duty, jnp.zeros(self.kalman.disturbance_to_duty.shape[1], plant.dtype)
         )
 
     def update(self, estimate: TwinEstimate, readings: Float[Array, " reading"]) -> TwinEstimate:
@@ -296,7 +297,7 @@ class TwinEstimator(AbstractEstimator):
     def predict(self, estimate: TwinEstimate, duty: Float[Array, " cell"]) -> TwinEstimate:
         """The estimate of the next sample."""
         twin = self.observer.predict(estimate.twin, duty + self.duty, jnp.nan, self.sample_time_s)
-        known = jnp.asarray(self.kalman.disturbed) @ estimate.known
+        known = jnp.asarray(self.kalman.disturbance_to_duty) @ estimate.known
         plant = self.kalman.predict(estimate.plant, duty + known)
         return estimate._replace(twin=twin, plant=plant, duty=duty)
 
@@ -355,7 +356,7 @@ def twin_estimator(
     assert read.sample_time_s is not None
     projection = np.asarray(model.projection)
     at_rest = read.C @ np.linalg.inv(np.eye(len(read.A)) - read.A)
-    explained = np.linalg.pinv(read.dcgain @ kalman.disturbed)
+    explained = np.linalg.pinv(read.dcgain @ kalman.disturbance_to_duty)
     return TwinEstimator(
         observer,
         kalman,

@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
+from ...errors import ControlError
 from ...rig import Kind, Rig
 from ..linear._riccati import regulator
 from ..linear._state_space import StateSpace, checked_discrete_model
@@ -27,6 +28,7 @@ from ._controller import (
     DutyLimits,
     Law,
     Numbers,
+    accepts_design_arguments,
     bundled_law,
     check_designed_cells,
     check_non_negative,
@@ -34,7 +36,7 @@ from ._controller import (
     checked_measured,
     of_cells,
     parameter_text,
-    took_design_arguments,
+    redesign_weights,
 )
 from ._controller_fields import (
     REQUIRED_OWN,
@@ -100,7 +102,7 @@ class LQIState(NamedTuple):
 
 
 @final
-@took_design_arguments("design_lqi")
+@accepts_design_arguments("design_lqi")
 class LQI(AbstractDutyLimitedController):
     """State feedback with integral action and a Kalman filter, made by `design_lqi`.
 
@@ -150,6 +152,9 @@ class LQI(AbstractDutyLimitedController):
         """The outputs at the operating point, degC."""
         return self.model.operating_point.outputs
 
+    def __check_init__(self) -> None:
+        self.check_parameters(setpoint_weight=self.setpoint_weight)
+
     def for_rig(self, rig: Rig) -> AbstractDutyLimitedController:
         """Returns the controller with the limits of a rig.
 
@@ -166,13 +171,9 @@ class LQI(AbstractDutyLimitedController):
 
     def redesigned(self, weights: Mapping[str, Numbers]) -> AbstractController:
         """Returns the controller that the same model gives with other deviations and noises."""
+        named = redesign_weights("LQI", self.design_weights(), weights)
         return _design(
-            self.model,
-            {**self.design_weights(), **weights},
-            setpoint_weight=self.setpoint_weight,
-            limits=self.limits,
-            has_own_limits=True,
-            measured=self.measured,
+            self.model, named, self.setpoint_weight, self.limits, self.measured, has_limits=True
         )
 
     @classmethod
@@ -365,7 +366,6 @@ def design_lqi(
     deviation or a noise is not a finite positive number, or the limits are not within -1 to 1.
     """
     groups = checked_measured("LQI", measured)
-    check_non_negative("LQI", setpoint_weight=setpoint_weight)
     (plant,) = outputs_of(checked_discrete_model("LQI: model", model), groups)
     weights = {
         "output_deviation": output_deviation,
@@ -374,25 +374,34 @@ def design_lqi(
         "drift": drift,
         "reading_noise": reading_noise,
     }
-    lqi = _design(
-        plant,
-        weights,
-        setpoint_weight=setpoint_weight,
-        limits=checked_limits("LQI", limits),
-        has_own_limits=limits is not None,
-        measured=groups,
-    )
+    cells = plant.B.shape[1]
+    if np.shape(setpoint_weight) not in ((), (cells,)):
+        raise ControlError(
+            f"LQI: setpoint_weight: expected one number, or one for each of the {cells} cells, got "
+            f"{setpoint_weight!r}"
+        )
+    allowed, has_limits = checked_limits("LQI", limits), limits is not None
+    lqi = _design(plant, weights, setpoint_weight, allowed, groups, has_limits=has_limits)
     if observer is None:
         return lqi
     return replace(lqi, observed=twin_estimator("LQI", observer, model, plant, lqi.kalman))
 
 
-def _design(plant: StateSpace, weights: Mapping[str, Numbers], **settings: Any) -> LQI:
+def _design(
+    plant: StateSpace,
+    weights: Mapping[str, Numbers],
+    setpoint_weight: Numbers,
+    limits: DutyLimits,
+    measured: tuple[tuple[str, ...], ...] | None,
+    *,
+    has_limits: bool,
+) -> LQI:
     """Designs the gains and the filter on the model of the outputs.
 
     **Arguments:**
 
-    - `settings`: the arguments of `LQI` that no design depends on.
+    - `has_limits`: whether the limits hold on every rig.
+    - the others: as in `LQI`.
     """
     check_plant("LQI", plant, plant)
     (states, cells), outputs, h = plant.B.shape, len(plant.C), plant.sample_time_s
@@ -425,5 +434,8 @@ def _design(plant: StateSpace, weights: Mapping[str, Numbers], **settings: Any) 
         weights=LQIWeights(y, q, u, w, v),
         sample_time_s=h,
         designed_for=plant.operating_point.rig,
-        **settings,
+        setpoint_weight=setpoint_weight,
+        limits=limits,
+        has_own_limits=has_limits,
+        measured=measured,
     )

@@ -190,7 +190,9 @@ def model_lines(plant: StateSpace, kalman: KalmanFilter) -> list[str]:
     """Returns the table of the model and of its filter."""
     matrices = {"A": plant.A, "B": plant.B, "C": plant.C, "L": kalman.L}
     written = [f"{name} = {as_matrix(value, _MODEL[name])}" for name, value in matrices.items()]
-    about = "# x' = A x + B u, y = C x; deviations from duty and outputs. L: of the Kalman filter."
+    about = (
+        "# x(k+1) = A x(k) + B u(k), y = C x: deviations from duty and outputs. L: Kalman filter's."
+    )
     return ["", about, "[model]", *written]
 
 
@@ -251,5 +253,5 @@ def _degrees_of(value: object, name: str, refuse: Refuse) -> float:
             number = np.nan
         if -ZERO_CELSIUS < number < 1e4:
             return number
-    kelvin = quantity(value if isinstance(value, str) else None, name, TEMPERATURE, refuse)
+    kelvin = quantity(value, name, TEMPERATURE, refuse, is_list=False)
     return float(kelvin) - ZERO_CELSIUS

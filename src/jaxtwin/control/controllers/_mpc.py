@@ -33,6 +33,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
 from ..._arguments import names_of, true_or_false, whole_number
+from ..._name_suggestions import unknown_name
 from ..._quadratic_program import QuadraticProgram, minimised
 from ...errors import ControlError
 from ..linear._state_space import StateSpace, checked_discrete_model
@@ -42,10 +43,11 @@ from ._controller import (
     Law,
     Numbers,
     TemperatureLimit,
+    accepts_design_arguments,
     checked_deviations,
     checked_measured,
     means_of,
-    took_design_arguments,
+    redesign_weights,
 )
 from ._controller_fields import (
     OWN,
@@ -173,7 +175,7 @@ class MPCSettings:
 
 
 @final
-@took_design_arguments("design_mpc")
+@accepts_design_arguments("design_mpc")
 class MPC(AbstractPredictiveController):
     """Model predictive control, made by `design_mpc`.
 
@@ -290,7 +292,7 @@ class MPC(AbstractPredictiveController):
             with_temperatures(self.model, np.asarray(self.watched.C), np.asarray(self.watched.at)),
             with_temperatures(self.model, np.zeros((0, len(self.model.A))), np.zeros(0)),
         )
-        named = {**self.design_weights(), **weights}
+        named = redesign_weights("MPC", self.design_weights(), weights)
         drift, reading_noise = named.pop("drift"), named.pop("reading_noise")
         settings = MPCSettings(
             **named,
@@ -350,7 +352,7 @@ class MPC(AbstractPredictiveController):
         try:
             limits = checked_temperature_limits(limited.limits, None, excess)
             checked = MPCSettings(read_channels=names, temperature_limits=limits, **settings)
-            mpc = _mpc(plant, kalman, gains, checked)
+            mpc = _assembled(plant, kalman, gains, checked)
         except ControlError as error:
             contents.refuse("", str(error))
         check_numbers(mpc, contents.refuse)
@@ -463,8 +465,8 @@ class MPC(AbstractPredictiveController):
         """Computes the state of rest for the references of some samples."""
         gain, inverse = jnp.asarray(self.gain), jnp.asarray(self.inverse)
         accepted, cells = jnp.asarray(self.output_deviation), len(self.duty)
-        disturbed = jnp.asarray(self.kalman.disturbed)
-        heat = disturbed @ states[len(states) - disturbed.shape[1] :]
+        to_duty = jnp.asarray(self.kalman.disturbance_to_duty)
+        heat = to_duty @ states[len(states) - to_duty.shape[1] :]
         coming = self.outputs + gain @ heat
         if self.points is not None:
             coming = coming + jnp.asarray(self.of_channels) @ errors
@@ -481,7 +483,7 @@ class MPC(AbstractPredictiveController):
                 missing,
                 heat,
                 limits,
-                self.soft_temperatures,
+                soft,
                 errors,
                 centre,
             )
@@ -535,7 +537,9 @@ def design_mpc(
     mpc = design_mpc(model, measured=["TAM", "TCM"], limits=(0, 1), rate_limit=0.05)
     ```
 
-    **Arguments:** deviations and noises are single numbers, or one for each output or cell.
+    **Arguments:** deviations and noises are single numbers, or one for each output or cell; with
+    points that are to be even, `reading_noise` has one for each channel that is read, and `drift`
+    one for each of these, at most as many as cells.
 
     - `model`, `measured`, `output_deviation`, `drift`, `reading_noise`, `limits`: as in
       `design_lqi`.
@@ -572,6 +576,11 @@ def design_mpc(
     groups = checked_measured("MPC", measured)
     checked_evenness(evenness, points)
     point_names = names_of("MPC: points", points, ControlError)
+    for name in point_names:
+        if name not in model.output_names:
+            raise ControlError(f"MPC: points: {unknown_name('output', name, model.output_names)}")
+    if point_errors is not None and not point_names:
+        raise ControlError("MPC: point_errors: expected None without points, got some")
     (excess,) = checked_deviations("MPC", "excess_deviation", excess_deviation, 1)
     limited = checked_temperature_limits(temperature_limits, model.output_names, excess)
     of_outputs: Sequence[str] = ()
@@ -616,10 +625,10 @@ def _design(plant: MPCPlant, drift: Numbers, reading_noise: Numbers, settings: M
     assert plant.read.sample_time_s is not None
     gain = error_gain(w.mean(), v.mean(), plant.read.sample_time_s)
     gains = np.full(len(plant.watched.C), gain)
-    return _mpc(plant, kalman, gains, settings, MPCNoises(w, v))
+    return _assembled(plant, kalman, gains, settings, MPCNoises(w, v))
 
 
-def _mpc(
+def _assembled(
     plant: MPCPlant,
     kalman: KalmanFilter,
     error_gains: Float[np.ndarray, " watched"],
@@ -643,10 +652,10 @@ def _mpc(
         checked_deviations("MPC", "duty_deviation", settings.duty_deviation, cells),
         checked_deviations("MPC", "duty_change_deviation", settings.duty_change_deviation, cells),
     )
-    disturbed = np.asarray(kalman.disturbed)
-    predicted = predict(plant.outputs, disturbed, horizon, moves)
+    to_duty = np.asarray(kalman.disturbance_to_duty)
+    predicted = predict(plant.outputs, to_duty, horizon, moves)
     tracked = plant.points if evenness is not None and evenness.is_quadratic else None
-    condensed = condense(plant.outputs, disturbed, predicted, deviations, tracked)
+    condensed = condense(plant.outputs, to_duty, predicted, deviations, tracked)
     soft, limits = None, settings.temperature_limits
     if limits:
         rows = np.eye(len(limits), len(read))

@@ -41,8 +41,8 @@ class RestCost(NamedTuple):
 
     - `by_duty`, `by_missing`: its Hessian, and the derivatives of its gradient with respect to the
       distance from the references.
-    - `gain`: the steady gain of the outputs, K per unit of duty. `disturbed`: the duty that has the
-      same effect as a disturbance.
+    - `gain`: the steady gain of the outputs, K per unit of duty. `to_duty`: that of a
+      disturbance, as in `KalmanFilter`, 1/K.
     - `of_channels`: the outputs as means of the watched channels.
     - `adaptation`: how fast the deviations of points on the way follow those at rest, by sample;
       `room_on_the_way`: how large they may be relative to those.
@@ -51,7 +51,7 @@ class RestCost(NamedTuple):
     by_duty: Float[Array | np.ndarray, "cells cells"]
     by_missing: Float[Array | np.ndarray, "cells outputs"]
     gain: Float[Array | np.ndarray, "outputs cells"]
-    disturbed: Float[Array | np.ndarray, "cells disturbances"]
+    to_duty: Float[Array | np.ndarray, "cells disturbances"]
     of_channels: Float[Array | np.ndarray, "outputs watched"]
     adaptation: Float[Array | np.ndarray, ""]
     room_on_the_way: float
@@ -74,7 +74,7 @@ def program_numbers(
     hessian = np.asarray(cost.hessian, float)
     by_duty, by_missing = (np.asarray(part, float) for part in rest[:2])
     plan, scale = _scale(hessian), _scale(by_duty)
-    cells, disturbed = len(by_duty), np.asarray(rest.disturbed, float)
+    cells, to_duty = len(by_duty), np.asarray(rest.to_duty, float)
     # The last duty enters only the gradient of the first sample.
     by_last = np.asarray(cost.by_last_duty, float)[:cells]
     at_rest = np.zeros((cells + soft.has_bands, cells + soft.has_bands))
@@ -91,7 +91,7 @@ def program_numbers(
         "STEPS": STEPS,
         "CENTERING": CENTERING,
         "TO_BOUNDARY": TO_BOUNDARY,
-        "DISTURBANCES": disturbed.shape[1],
+        "DISTURBANCES": to_duty.shape[1],
     }
     if len(watched.at):
         constants["ERRORS"] = len(watched.at)
@@ -109,7 +109,7 @@ def program_numbers(
             "soft_by_states": (np.asarray(limits.by_states), "limited temperatures, K"),
             "lowest": (np.asarray(limits.lowest)[: soft.limited], "their limits, K"),
             "highest": (np.asarray(limits.highest)[: soft.limited], "their limits, K"),
-            "soft_by_rest": (gain @ disturbed, "and at rest by a disturbance"),
+            "soft_by_rest": (gain @ to_duty, "and at rest by a disturbance"),
         }
     if soft.points is None and soft.limits is not None:
         tables["watched_C"] = np.asarray(watched.C), "watched temperatures by the states, K"
@@ -123,8 +123,8 @@ def program_numbers(
         tables |= {
             "points_at": (np.asarray(points.beyond), "points from the mean of the outputs on, K"),
             "points_by_errors": (np.asarray(points.by_errors), "by the errors of the channels"),
-            "points_by_rest": (gain @ disturbed, "at rest by a disturbance"),
-            "output_by_rest": (np.asarray(rest.gain) @ disturbed, "outputs at rest alike"),
+            "points_by_rest": (gain @ to_duty, "at rest by a disturbance"),
+            "output_by_rest": (np.asarray(rest.gain) @ to_duty, "outputs at rest alike"),
             "output_by_errors": (np.asarray(rest.of_channels), "and by the errors"),
             "unexplained": (np.asarray(watched.unexplained), "of what is missed of the channels"),
         }
@@ -232,7 +232,7 @@ def mpc_law(mpc: "MPC", cells: int) -> Law:
         by_duty,
         -np.asarray(scaled).T / accepted,
         gain,
-        mpc.kalman.disturbed,
+        mpc.kalman.disturbance_to_duty,
         mpc.of_channels,
         mpc.adaptation,
         ROOM_ON_THE_WAY,

@@ -98,7 +98,7 @@ class PredictedStates(NamedTuple):
 
 def predict(
     plant: StateSpace,
-    disturbed: Float[np.ndarray, "cells disturbances"],
+    to_duty: Float[np.ndarray, "cells disturbances"],
     horizon: int,
     control_horizon: int,
 ) -> PredictedStates:
@@ -107,10 +107,10 @@ def predict(
 
     **Arguments:**
 
-    - `disturbed`: the duty like which a disturbance of 1 K acts, as in `KalmanFilter`.
+    - `to_duty`: `disturbance_to_duty` of the `KalmanFilter`, 1/K.
     """
-    (n, cells), unknown = plant.B.shape, disturbed.shape[1]
-    by_disturbance = plant.B @ disturbed @ np.eye(unknown, n + unknown, n)
+    (n, cells), unknown = plant.B.shape, to_duty.shape[1]
+    by_disturbance = plant.B @ to_duty @ np.eye(unknown, n + unknown, n)
     state, moved = np.eye(n, n + unknown), np.zeros((n, control_horizon * cells))
     by_states, by_moves = [], []
     for sample in range(horizon):
@@ -125,7 +125,7 @@ def predict(
 
 def condense(
     plant: StateSpace,
-    disturbed: Float[np.ndarray, "cells disturbances"],
+    to_duty: Float[np.ndarray, "cells disturbances"],
     predicted: PredictedStates,
     deviations: Deviations,
     tracked: StateSpace | None = None,
@@ -138,13 +138,13 @@ def condense(
 
     **Arguments:**
 
-    - `disturbed`: as in `predict`.
+    - `to_duty`: as in `predict`.
     - `tracked`: the model of points whose mean square deviation from their temperatures at rest is
       a part of the cost, with the accepted deviation of the outputs; None for none.
 
     **Raises:** `ControlError` if the plant has no stable design.
     """
-    (n, cells), unknown = plant.B.shape, disturbed.shape[1]
+    (n, cells), unknown = plant.B.shape, to_duty.shape[1]
     horizon, _, moves = predicted.by_moves.shape
     y, u, change = (np.asarray(deviation, float) for deviation in deviations)
     unit = np.eye(cells)
@@ -164,7 +164,7 @@ def condense(
     W = np.asarray(block_diag(*[Q] * (horizon - 1), P))
     disturbance, steady = np.eye(unknown, n + unknown, n), plant.steady_states
     aim = np.vstack([steady, unit])  # (x, u) at rest per duty
-    at_rest = np.vstack([steady @ disturbed @ disturbance, no_states[0]])
+    at_rest = np.vstack([steady @ to_duty @ disturbance, no_states[0]])
     differences = np.eye(moves) - np.eye(moves, k=-cells)
     S = np.diag(np.tile(change**-2.0, moves // cells))
     first = np.eye(moves, cells)

@@ -43,11 +43,11 @@ from ._controller import (
     Law,
     Numbers,
     TemperatureLimit,
+    accepts_design_arguments,
     checked_deviations,
     checked_measured,
     checked_sample_time,
     means_of,
-    took_design_arguments,
 )
 from ._design_model import check_plant, outputs_of
 from ._duty_limits import GivenLimits, bounds_of, checked_limits, limits_of_rig
@@ -94,7 +94,7 @@ class NonlinearMPCState(NamedTuple):
 
 
 @final
-@took_design_arguments("design_nonlinear_mpc")
+@accepts_design_arguments("design_nonlinear_mpc")
 class NonlinearMPC(AbstractPredictiveController):
     """Model predictive control whose model is a twin itself, made by `design_nonlinear_mpc`.
 
@@ -426,7 +426,7 @@ def design_nonlinear_mpc(
     return NonlinearMPC(
         stepper=stepper,
         kalman=kalman,
-        heat=capacitance * np.asarray(model.B) @ kalman.disturbed,
+        heat=capacitance * np.asarray(model.B) @ kalman.disturbance_to_duty,
         inverse=np.linalg.pinv(np.asarray(plant.dcgain)),
         readings=np.vstack([plant.C, watched.C]),
         at=np.concatenate([plant.operating_point.outputs, watched.operating_point.outputs]),

@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from ..._arguments import of_kind, whole_number
 from ...errors import ControlError
-from ..linear._state_space import StateSpace
+from ..linear._state_space import StateSpace, check_at_rest
 from ._mpc import MPC, design_mpc
 from ._mpc_programs import AbstractEvennessCost, RangeCost
 
@@ -60,6 +60,9 @@ def design_uniformity_mpc(
     where = "design_uniformity_mpc"
     expected = "a model in continuous time, such as linearize(twin, temperatures=40)"
     of_kind(f"{where}: model", model, StateSpace, expected, ControlError)
+    if model.is_discrete:
+        raise ControlError(f"{where}: model: expected {expected}, got {model!r}")
+    check_at_rest(f"{where}: model", model)
     channels = model.output_names
     elements = model.state_names[: model.operating_point.elements]
     limited = [name for name in settings.get("temperature_limits") or {} if name in channels]

@@ -320,5 +320,6 @@ def _model(
         lag_s=zero if system.lag is None else system.lag,
         is_delayed=system.delay is not None,
         is_lagged=system.lag is not None,
+        projection=jnp.eye(len(states), dtype=reference.dtype),
     )
     return model, by_duty

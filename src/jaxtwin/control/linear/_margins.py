@@ -99,6 +99,9 @@ def margins(
     gains = np.log(np.maximum(np.abs(values), 1e-300))
     crossings = _zeros(lambda w: np.log(np.abs(response(w))), omega, gains)
     reversals = _zeros(lambda w: np.imag(response(w)), omega, np.imag(values))
+    # At half the sample rate z is -1 and the response real, up to rounding.
+    if np.isclose(omega[-1], highest := _highest(loop)) and highest not in reversals:
+        reversals.append(highest)
     at_unity = response(np.array(crossings)) if crossings else np.zeros(0, complex)
     at_reversal = response(np.array(reversals)) if reversals else np.zeros(0, complex)
     gm, pm, wcg, wcp = np.inf, np.inf, np.nan, np.nan
@@ -203,17 +206,27 @@ def _frequencies(
     loop: StateSpace | Loop, omega: Float[np.ndarray, " frequency"] | None
 ) -> Float[np.ndarray, " frequency"]:
     if omega is None:
-        if isinstance(loop, StateSpace) and loop.sample_time_s is not None:
-            # Up to half the sample rate, where the response begins to repeat itself.
-            return np.geomspace(OMEGA[0], np.pi / loop.sample_time_s, len(OMEGA))
-        return OMEGA
+        return np.geomspace(OMEGA[0], min(_highest(loop), OMEGA[-1]), len(OMEGA))
     omega = np.asarray(omega, float)
     if omega.ndim != 1 or len(omega) < 2 or not (omega[0] > 0 and np.all(np.diff(omega) > 0)):
         raise ControlError(
             "omega: expected at least two increasing frequencies above 0, in rad/s, got "
             f"an array of shape {omega.shape}"
         )
+    if omega[-1] > _highest(loop) * (1 + 1e-9):
+        raise ControlError(
+            f"omega: expected frequencies up to half the sample rate, {_highest(loop):.6g} rad/s, "
+            f"got {omega[-1]:.6g}"
+        )
     return omega
+
+
+def _highest(loop: StateSpace | Loop) -> float:
+    """Half the sample rate of a discrete model, where its response begins to repeat itself, rad/s;
+    infinite for other loops."""
+    if isinstance(loop, StateSpace) and loop.sample_time_s is not None:
+        return np.pi / loop.sample_time_s
+    return np.inf
 
 
 def _square(loop: StateSpace | Loop) -> Loop:

@@ -1,5 +1,6 @@
 """A linear model in state space, in continuous or in discrete time."""
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, final
@@ -61,7 +62,8 @@ class StateSpace(eqx.Module, AbstractResult):
     ```
 
     A model is a PyTree whose leaves are its numbers. It can pass through `jax.jit`, `jax.vmap` and
-    `jax.grad`.
+    `jax.grad`, where it has `dcgain`, `frequency_response`, `discretise`, and the methods of the
+    discrete model; the others need numbers.
 
     **Arguments:** units are those in continuous time, and in brackets in discrete time.
 
@@ -74,14 +76,14 @@ class StateSpace(eqx.Module, AbstractResult):
       0 for none, and in discrete time.
     - `offset`: $b$, by which the states change at the operating point, K/s [K a sample]; None for a
       point at rest. Frequency response, poles and margins do not depend on it.
-    - `is_delayed`, `is_lagged`: whether there are any, which determines the number of states of a
-      discrete model. None: yes if they are positive or traced by JAX.
+    - `is_delayed`, `is_lagged`: whether the model has a delay, or a lag, which determines the
+      number of states of a discrete model and must be known before tracing; None: yes if it is
+      above 0 or traced by JAX.
     - `projection`: the matrix that gives the first states for deviations of the rig's node
-      temperatures; the other states follow from the commands. None if the states are these
-      deviations, or do not follow from them.
+      temperatures; the other states follow from the commands. None if it is not known.
 
-    **Raises:** `ControlError` if shapes or names do not agree, if a delay or a lag is negative, or
-    a discrete model has one.
+    **Raises:** `ControlError` if shapes or names do not agree, a delay or a lag is negative, the
+    sample time is not positive, or a discrete model has a delay or a lag.
     """
 
     A: Float[Array | np.ndarray, "state state"]
@@ -129,14 +131,20 @@ class StateSpace(eqx.Module, AbstractResult):
             self.operating_point = operating_point or OperatingPoint(
                 np.zeros(inputs), np.zeros(states), np.zeros(outputs), np.zeros(())
             )
-        self.sample_time_s = sample_time_s
+        _check_point(self.operating_point, inputs, outputs)
+        self.sample_time_s = None
+        if sample_time_s is not None:
+            where = "StateSpace: sample_time_s"
+            self.sample_time_s = finite_number(
+                where, sample_time_s, ControlError, above=0, unit="s"
+            )
         self.projection = projection
         self.state_names = _names("state_names", state_names, "x", states)
         self.input_names = _names("input_names", input_names, "u", inputs)
         self.output_names = _names("output_names", output_names, "y", outputs)
-        self.is_delayed = _is_there(delay_s) if is_delayed is None else is_delayed
-        self.is_lagged = _is_there(lag_s) if is_lagged is None else is_lagged
-        if sample_time_s is not None and (self.is_delayed or self.is_lagged):
+        self.is_delayed = _has("delay", delay_s, is_delayed)
+        self.is_lagged = _has("lag", lag_s, is_lagged)
+        if self.is_discrete and (self.is_delayed or self.is_lagged):
             raise ControlError(
                 "StateSpace: delay_s, lag_s: expected 0 s with a sample time, as a discrete model "
                 "has them among its states"
@@ -149,21 +157,39 @@ class StateSpace(eqx.Module, AbstractResult):
 
     @property
     def steady_states(self) -> Float[Array | np.ndarray, "state input"]:
-        """The steady change of the states, K per unit of duty."""
+        """The steady change of the states, K per unit of duty.
+
+        **Raises:** `ControlError` if the model has an integrator.
+        """
         if is_traced(self):
             with settings_for(self):
                 A, B = jnp.asarray(self.A), jnp.asarray(self.B)
                 return solve(jnp.eye(len(A)) - A if self.is_discrete else -A, B)
         A, B = np.asarray(self.A), np.asarray(self.B)
-        return np.linalg.solve(np.eye(len(A)) - A if self.is_discrete else -A, B)
+        try:
+            return np.linalg.solve(np.eye(len(A)) - A if self.is_discrete else -A, B)
+        except np.linalg.LinAlgError:
+            raise ControlError(
+                "steady_states: expected a model that comes to rest under a constant duty, got an "
+                "integrator"
+            ) from None
 
     @property
     def dcgain(self) -> Float[Array | np.ndarray, "output input"]:
-        """The DC gain: the steady change of the outputs, K per unit of duty."""
+        """The DC gain: the steady change of the outputs, K per unit of duty.
+
+        **Raises:** `ControlError` if the model has an integrator.
+        """
         if is_traced(self):
             with settings_for(self):
                 return self.D + self.C @ self.steady_states
         return np.asarray(self.D) + np.asarray(self.C) @ self.steady_states
+
+    @property
+    def rates(self) -> Float[Array | np.ndarray, " state"] | None:
+        """The name of `offset` up to version 0.2. It is removed in version 0.4."""
+        warnings.warn("StateSpace.rates is now StateSpace.offset", DeprecationWarning, stacklevel=2)
+        return self.offset
 
     def discretise(
         self, sample_time_s: float | int, *, longest_delay: float | int | None = None
@@ -211,7 +237,7 @@ class StateSpace(eqx.Module, AbstractResult):
                 input_names=self.input_names,
                 output_names=self.output_names,
                 offset=offset,
-                projection=self._projection,
+                projection=self.projection,
             )
 
     def at_rest(self) -> "StateSpace":
@@ -263,9 +289,15 @@ class StateSpace(eqx.Module, AbstractResult):
         """The same model with the temperatures of some states as further outputs, such as elements
         of the plate, which no channel reads alone.
 
-        **Raises:** `ControlError` for an unknown state, or for a discrete model.
+        **Raises:** `ControlError` for an unknown state, or for a model whose states are not the
+        temperatures of the rig, such as a discrete or a reduced one.
         """
         self._check_continuous("with_states_as_outputs")
+        if self.operating_point.node_names not in ((), self.state_names):
+            raise ControlError(
+                "with_states_as_outputs: expected a model whose states are the temperatures of the "
+                "rig, got a reduced one; call it before reduce"
+            )
         for name in names:
             if name not in self.state_names:
                 unknown = unknown_name("state", name, self.state_names)
@@ -368,6 +400,7 @@ class StateSpace(eqx.Module, AbstractResult):
     def error_bound(self, order: int) -> float:
         """A bound on the error of the frequency response of `reduce(order)` at any frequency, K per
         unit of duty (the largest singular value of the difference)."""
+        order = whole_number("error_bound: order", order, 0, ControlError)
         return 2 * float(self.hankel_singular_values[order:].sum())
 
     def reduce(self, order: int) -> "StateSpace":
@@ -392,7 +425,7 @@ class StateSpace(eqx.Module, AbstractResult):
                 f"moves and the outputs show, got {order}"
             )
         A, B, C, D = residualised(balanced, order)
-        whole = self._projection
+        whole = self.projection
         # The states that were left out as rounding had a gain too.
         D = D + np.asarray(self.dcgain) - (D - C @ np.linalg.solve(A, B))
         return replace(
@@ -478,13 +511,15 @@ class StateSpace(eqx.Module, AbstractResult):
 
         **Arguments:**
 
-        - `pade_order`: the order of the approximation.
+        - `pade_order`: the order of the approximation, at least 1.
 
         **Raises:** `ControlError` if the model has a delay and no order is given, if it is about a
         point that is not at rest, or if python-control is not installed.
         """
         check_at_rest("to_control", self)
         control = _python_control()
+        if pade_order is not None:
+            whole_number("to_control: pade_order", pade_order, 1, ControlError)
         if self.is_delayed and pade_order is None:
             raise ControlError(
                 f"to_control: expected pade_order, because the driver's delay of "
@@ -546,15 +581,8 @@ class StateSpace(eqx.Module, AbstractResult):
         """Plots the Bode diagram: `jaxtwin.plots.plot_bode`."""
         return picture("plot_bode", self)
 
-    @property
-    def _projection(self) -> Float[Array | np.ndarray, "state node"] | None:
-        """The states by the deviations of the nodes, if these are known."""
-        if self.projection is None and self.state_names == self.operating_point.node_names:
-            return np.eye(len(self.state_names))
-        return self.projection
-
     def _balanced(self) -> Balanced:
-        self._check_continuous("reduce")
+        self._check_continuous("reduce, hankel_singular_values")
         return balanced(np.asarray(self.A), np.asarray(self.B), np.asarray(self.C))
 
     def _decay_rates(self, poles: Complex[np.ndarray, " state"]) -> Float[np.ndarray, " state"]:
@@ -606,16 +634,20 @@ class StateSpace(eqx.Module, AbstractResult):
             )
 
     def __repr__(self) -> str:
-        outputs, states = self.C.shape
+        outputs, states = self.C.shape[-2:]  # after an axis for draws
         times = f"delay {_text(self.delay_s)}, lag {_text(self.lag_s)}"
         if self.sample_time_s is not None:
             times = f"sample time {self.sample_time_s:g} s"
         return (
-            f"<StateSpace: {states} states, {self.B.shape[1]} inputs, {outputs} outputs, {times}>"
+            f"<StateSpace: {states} states, {self.B.shape[-1]} inputs, {outputs} outputs, {times}>"
         )
 
     def _overview(self) -> "pandas.DataFrame":
-        return self.to_dataframe().rename_axis("DC gain, K per unit of duty")
+        try:
+            gains = self.to_dataframe()
+        except ControlError:  # of an integrator
+            gains = table({"output": self.output_names}, "output")
+        return gains.rename_axis("DC gain, K per unit of duty")
 
 
 def check_at_rest(where: str, model: StateSpace) -> None:
@@ -626,7 +658,7 @@ def check_at_rest(where: str, model: StateSpace) -> None:
     if model.offset is not None:
         raise ControlError(
             f"{where}: expected a model about a rest, got one about a state of a run; take "
-            "StateSpace.at_rest() first"
+            "StateSpace.at_rest() first, before discretise"
         )
 
 
@@ -688,8 +720,17 @@ def _offset(offset: ArrayLike, states: int) -> Any:
     return array
 
 
-def _is_there(value: Any) -> bool:
-    return is_traced(value) or float(value) > 0
+def _has(what: str, seconds: Any, given: bool | None) -> bool:
+    """Whether a model has a delay, or a lag, as it was given; None for what its time says."""
+    if given is None or is_traced(seconds):
+        return is_traced(seconds) or float(seconds) > 0 if given is None else given
+    # A delay of 0 s may have states for a longer one; a lag of 0 s has no rate.
+    if given == (float(seconds) > 0) or (given and what == "delay"):
+        return given
+    raise ControlError(
+        f"StateSpace: {what}_s: expected {'a time above 0 s' if given else '0 s'}, as the model is "
+        f"said to have {'one' if given else 'none'}, got {float(seconds):g} s"
+    )
 
 
 def _text(time: Any) -> str:
@@ -709,9 +750,20 @@ def _sizes(*matrices: Array | np.ndarray) -> tuple[int, int, int]:
     )
 
 
+def _check_point(point: OperatingPoint, inputs: int, outputs: int) -> None:
+    of_kind("StateSpace: operating_point", point, OperatingPoint, "one of a rig", ControlError)
+    for name, values, count in (("duty", point.duty, inputs), ("outputs", point.outputs, outputs)):
+        if np.shape(values) != (count,):
+            raise ControlError(
+                f"StateSpace: operating_point: {name}: expected {count} numbers, got an array of "
+                f"shape {np.shape(values)}"
+            )
+
+
 def _names(what: str, names: Sequence[str] | None, letter: str, count: int) -> tuple[str, ...]:
     if names is None:
         return tuple(f"{letter}{number}" for number in range(1, count + 1))
-    if len(names) != count:
-        raise ControlError(f"StateSpace: {what}: expected {count} names, got {len(names)}")
+    if isinstance(names, str) or len(names) != count:
+        got = repr(names) if isinstance(names, str) else len(names)
+        raise ControlError(f"StateSpace: {what}: expected {count} names, got {got}")
     return tuple(names)
