@@ -232,11 +232,11 @@ class TwinEstimator(AbstractEstimator):
     twin what the plant lacks. Its readings are those of the filter, and all channels and the room,
     degC; NaN for a room that is not measured.
 
-    The observer estimates the temperatures of all nodes, from which the first states $x$ of the plant
-    follow by its projection; the others are commands on their way. What the twin does in the next
-    sample beyond the plant under the same duty is known to it: heat that the observer has found, a
-    room that is not that of the operating point, values of the twin that have drifted, and what is
-    not linear. With $x^+$ the projection of the observer's own prediction,
+    The observer estimates the temperatures of all nodes, from which the first states $x$ of the
+    plant follow by its projection; the others are commands on their way. What the twin does in the
+    next sample beyond the plant under the same duty is known to it: heat that the observer has
+    found, a room that is not that of the operating point, values of the twin that have drifted, and
+    what is not linear. With $x^+$ the projection of the observer's own prediction,
 
     $$d = C (I - A)^{-1} (x^+ - A x - B u)$$
 
