@@ -7,7 +7,7 @@ Which file holds what:
 
 - reading: `_build`, `_fields` (texts to values), `_units`, `_toml` (files and messages), and
   `_variants` (the same rig on another grid, or with cells at other places)
-- the plate: `_plate`, `_plate_table`
+- the plate: `_plate`
 - what stands on it: `_cell`, `_heater`, and where they lie (`_placement`); `_bodies`, with links
   and circuits
 - what drives and reads it: `_instruments`; a kind of sensor (`_sensors`) says what a channel

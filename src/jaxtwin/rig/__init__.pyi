@@ -24,9 +24,9 @@ from ._new_rig import new_rig_text as new_rig_text
 from ._parameter_file import read_parameters as read_parameters
 from ._parameter_file import write_parameters as write_parameters
 from ._placement import Placement as Placement
+from ._plate import Material as Material
 from ._plate import Plate as Plate
-from ._plate_table import Material as Material
-from ._plate_table import load_material as load_material
+from ._plate import load_material as load_material
 from ._rig import Rig as Rig
 from ._sensors import AbstractSensor as AbstractSensor
 from ._sensors import NodesSensor as NodesSensor

@@ -26,8 +26,7 @@ from ._fields import Fields
 from ._heater import Heater, build_heater, heater_bodies, heater_links
 from ._instruments import Sensors, build_camera, build_channel, build_driver, build_limits
 from ._parameter_table import build_inputs, build_parameter_sets, build_parameters
-from ._plate import AMBIENT, NO_PLATE, Plate
-from ._plate_table import build_plate
+from ._plate import AMBIENT, NO_PLATE, Plate, build_plate
 from ._rig import Rig
 from ._sensors import ZoneSensor
 from ._toml import bundled_content, bundled_rigs, file_content, parse_toml, refuse

@@ -13,8 +13,7 @@ from . import _units as units
 from ._build import load_rig
 from ._cell import Datasheet, load_module
 from ._fields import Fields
-from ._plate import Plate
-from ._plate_table import load_material
+from ._plate import Plate, load_material
 from ._rig import Rig
 from ._toml import bundled_content, bundled_materials, bundled_modules, bundled_rigs
 from ._value import Value
