@@ -181,8 +181,8 @@ def names_of_elements(rows: int, columns: int) -> tuple[str, ...]:
     )
 
 
-# From the table `[plate]`: the grid, which is stated by columns and rows or by the plate's size and a
-# resolution, and the material.
+# From the table `[plate]`: the grid, which is stated by columns and rows or by the plate's size and
+# a resolution, and the material.
 
 _OF_MATERIAL = {
     "density": DENSITY,
