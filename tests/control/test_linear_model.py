@@ -330,9 +330,3 @@ def test_an_integrator_has_no_gain_at_rest_and_can_be_shown():
 def test_the_states_of_a_reduced_model_are_no_temperatures():
     with pytest.raises(ControlError, match="got a reduced one; call it before reduce"):
         linearize(Twin("dual-cell"), duty=0.4).reduce(4).with_states_as_outputs(["balanced 1"])
-
-
-def test_the_old_name_of_the_offset_warns():
-    model = StateSpace([[-1.0]], [[1.0]], [[1.0]], [[0.0]], offset=[0.2])
-    with pytest.warns(DeprecationWarning, match=r"StateSpace\.offset"):
-        assert model.rates == 0.2

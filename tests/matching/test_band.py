@@ -108,7 +108,7 @@ def test_a_band_follows_the_twin(fit: Fit):
 def test_bands_that_cannot_be_drawn_say_why(fit: Fit, unseen: list[Experiment]):
     with pytest.raises(MatchError, match="recording: expected one of 0, 1, 2, 3, got 'monday'"):
         prediction_band(fit, "monday")
-    with pytest.raises(MatchError, match=r"level: expected a level between 0 and 1, got 2\.0"):
+    with pytest.raises(MatchError, match=r"level: expected a number between 0 and 1, got 2\.0"):
         prediction_band(fit, level=2.0)
     with pytest.raises(MatchError, match=r"warm_up = 1 s: expected at least .* got 1"):
         prediction_band(fit, experiment=unseen[0], warm_up=1.0)

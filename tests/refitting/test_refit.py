@@ -289,9 +289,11 @@ def test_recordings_that_a_fit_has_seen_are_refused():
         jt.errors.MatchError, match="has not seen, got 's1', which it was matched to"
     ):
         jt.refit(last(), session(1))
-    with pytest.raises(jt.errors.MatchError, match="forgetting: expected a number above 0, got -1"):
+    with pytest.raises(
+        jt.errors.MatchError, match="forgetting: expected a number of at least 0, got -1"
+    ):
         jt.refit(last(), session(3), forgetting=-1)
-    with pytest.raises(jt.errors.MatchError, match="window: expected a number of seconds above 0"):
+    with pytest.raises(jt.errors.MatchError, match="window: expected a number above 0, in s"):
         jt.refit(last(), session(3), window=0)
 
 

@@ -157,5 +157,7 @@ def test_a_run_becomes_a_recording_with_the_noise_of_its_rig():
     assert run.to_recording(seed=3) == recording
     assert run.to_recording(seed=4) != recording
     np.testing.assert_array_equal(run.to_recording(noise=0).temperatures, run.temperatures)
-    with pytest.raises(SimulationError, match="noise: expected at least 0 K, got -1"):
+    with pytest.raises(
+        SimulationError, match="noise: expected a number of at least 0, in K, got -1"
+    ):
         run.to_recording(noise=-1)

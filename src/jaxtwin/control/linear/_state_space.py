@@ -1,6 +1,5 @@
 """A linear model in state space, in continuous or in discrete time."""
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, final
@@ -184,12 +183,6 @@ class StateSpace(eqx.Module, AbstractResult):
             with settings_for(self):
                 return self.D + self.C @ self.steady_states
         return np.asarray(self.D) + np.asarray(self.C) @ self.steady_states
-
-    @property
-    def rates(self) -> Float[Array | np.ndarray, " state"] | None:
-        """The name of `offset` up to version 0.2. It is removed in version 0.4."""
-        warnings.warn("StateSpace.rates is now StateSpace.offset", DeprecationWarning, stacklevel=2)
-        return self.offset
 
     def discretise(
         self, sample_time_s: float | int, *, longest_delay: float | int | None = None
@@ -634,13 +627,11 @@ class StateSpace(eqx.Module, AbstractResult):
             )
 
     def __repr__(self) -> str:
-        outputs, states = self.C.shape[-2:]  # after an axis for draws
+        (outputs, states), inputs = self.C.shape[-2:], self.B.shape[-1]  # after one for draws
         times = f"delay {_text(self.delay_s)}, lag {_text(self.lag_s)}"
         if self.sample_time_s is not None:
             times = f"sample time {self.sample_time_s:g} s"
-        return (
-            f"<StateSpace: {states} states, {self.B.shape[-1]} inputs, {outputs} outputs, {times}>"
-        )
+        return f"<StateSpace of {states} states, {inputs} inputs, {outputs} outputs, {times}>"
 
     def _overview(self) -> "pandas.DataFrame":
         try:
