@@ -120,7 +120,15 @@ def test_what_no_fault_explains_is_none_of_these(kind: str):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["exchanged", "exchanged later", "another rig", "fast clock"])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "exchanged",
+        "fast clock",
+        pytest.param("exchanged later", marks=pytest.mark.long),
+        pytest.param("another rig", marks=pytest.mark.long),
+    ],
+)
 def test_wrong_recordings_of_a_rig_with_many_channels_are_no_fault_of_it(kind: str):
     """All 15 channels of the rig with two cells are exchanged, or the recording is of a rig whose
     values are others, or its clock runs at half the rate that it should."""
