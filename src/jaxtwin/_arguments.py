@@ -83,29 +83,34 @@ def finite_number(
     """
     import numpy as np  # imported here, so that the command line's help is quick
 
-    ends = {"above": above, "of at least": least, "below": below, "of at most": most}
-    bounds = " and ".join(f"{word} {end:g}" for word, end in ends.items() if end is not None)
-    if least is not None and most is not None:
-        bounds = f"from {least:g} to {most:g}"
-    elif above is not None and below is not None:
-        bounds = f"between {above:g} and {below:g}"
-    expected = f"a number {bounds}" if bounds else "a finite number"
-    if unit:
-        expected += f", in {unit}"
-    if is_pint(value):  # whose unit a conversion would lose
-        _refuse(where, value, f"{expected} without a unit", error)
-    try:
-        array = np.asarray(value)
-    except (TypeError, ValueError):  # traced by JAX, or of rows of different lengths
-        _refuse(where, value, expected, error)
-    if array.ndim or array.dtype.kind not in "iuf":
-        _refuse(where, value, expected, error)
-    number = float(value)
+    number = math.nan
+    # Neither what JAX traces nor rows of different lengths are an array.
+    with suppress(TypeError, ValueError):
+        # A conversion would lose the unit of a quantity of pint.
+        if not is_pint(value) and np.ndim(value) == 0 and np.asarray(value).dtype.kind in "iuf":
+            number = float(value)
     is_above = (above is None or number > above) and (least is None or number >= least)
     is_below = (below is None or number < below) and (most is None or number <= most)
     if not (math.isfinite(number) and is_above and is_below):
-        _refuse(where, value, expected, error)
+        expected = _range_text(above, least, below, most) + (f", in {unit}" if unit else "")
+        _refuse(where, value, expected + (" without a unit" if is_pint(value) else ""), error)
     return number
+
+
+def _range_text(
+    above: float | int | None,
+    least: float | int | None,
+    below: float | int | None,
+    most: float | int | None,
+) -> str:
+    """A number within bounds, as a message names it."""
+    if least is not None and most is not None:
+        return f"a number from {least:g} to {most:g}"
+    if above is not None and below is not None:
+        return f"a number between {above:g} and {below:g}"
+    ends = {"above": above, "of at least": least, "below": below, "of at most": most}
+    bounds = " and ".join(f"{word} {end:g}" for word, end in ends.items() if end is not None)
+    return f"a number {bounds}" if bounds else "a finite number"
 
 
 def true_or_false(where: str, value: Any, error: Failure) -> bool:
