@@ -225,9 +225,9 @@ def test_margins_of_a_discrete_model_are_those_of_python_control():
 def test_at_half_the_sample_rate_a_loop_may_lose_its_gain_margin():
     """By hand: at z = -1 the response is 0.5 / (-1 - 0.9)."""
     loop = StateSpace([[0.9]], [[0.5]], [[1.0]], [[0.0]], sample_time_s=1.0)
-    found = margins(loop)
-    assert found.gm == pytest.approx(3.8)
-    assert found.wcg == pytest.approx(np.pi)
-    assert found.pm == pytest.approx(86.18, abs=0.01)
+    of_loop = margins(loop)
+    assert of_loop.gm == pytest.approx(3.8)
+    assert of_loop.wcg == pytest.approx(np.pi)
+    assert of_loop.pm == pytest.approx(86.18, abs=0.01)
     with pytest.raises(ControlError, match="omega: expected frequencies up to half the sample"):
         margins(loop, omega=np.geomspace(0.01, 10))

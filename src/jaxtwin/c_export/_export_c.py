@@ -142,8 +142,7 @@ def export_c(
                 "a Stepper of a twin, jt.Stepper(twin, 1.0), a discrete model, as "
                 "StateSpace.discretise makes it, an observer, or a controller such as a PID"
             )
-            of_kind("export_c: model", model, StateSpace, expected, ControlError)
-            discrete = checked_discrete_model("export_c: model", model)
+            discrete = checked_discrete_model("export_c: model", model, expected)
             code = discrete_model_c(discrete, name, precision, origin)
     try:
         target.mkdir(parents=True, exist_ok=True)

@@ -194,8 +194,8 @@ def infix(term: Term, syntax: Syntax, names: Mapping[Term, str], above: int = 0)
         case str(name):
             return name
         case ("power", base, exponent):
-            both = (infix(part, syntax, names) for part in (base, exponent))
-            return f"{syntax.power}({', '.join(both)})"
+            arguments = (infix(part, syntax, names) for part in (base, exponent))
+            return f"{syntax.power}({', '.join(arguments)})"
         case ("negative", x):
             text, binds = f"-{infix(x, syntax, names, 2)}", 1
         case (operation, a, b):

@@ -81,8 +81,7 @@ def bode_frequencies(model: StateSpace) -> np.ndarray:
     slowest = slowest if slowest > 0 else 1e-3
     top = 10 / float(model.lag_s) if model.is_lagged else 100 * slowest
     omega = np.geomspace(slowest / 10, max(top, 10 * slowest), 400)
-    if model.sample_time_s is not None:
-        omega = omega[omega < np.pi / model.sample_time_s]
+    omega = omega[omega < model.nyquist_frequency]
     mean = np.abs(np.asarray(model.frequency_response(omega)).mean(axis=1)).max(axis=1)
     (seen,) = np.nonzero(mean >= MIN_GAIN * mean.max())
     return np.geomspace(omega[0], max(omega[seen[-1]], min(10 * slowest, omega[-1])), 400)
@@ -167,8 +166,7 @@ def _response(
 ) -> Complex[np.ndarray, "frequency outputs inputs"]:
     """The response of a model; NaN above half the sample rate of a discrete one."""
     response = np.array(model.frequency_response(omega))
-    if model.sample_time_s is not None:
-        response[omega > np.pi / model.sample_time_s] = np.nan
+    response[omega > model.nyquist_frequency] = np.nan
     return response
 
 

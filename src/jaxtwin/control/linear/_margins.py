@@ -222,11 +222,8 @@ def _frequencies(
 
 
 def _highest(loop: StateSpace | Loop) -> float:
-    """Half the sample rate of a discrete model, where its response begins to repeat itself, rad/s;
-    infinite for other loops."""
-    if isinstance(loop, StateSpace) and loop.sample_time_s is not None:
-        return np.pi / loop.sample_time_s
-    return np.inf
+    """The highest frequency at which a loop is evaluated, rad/s."""
+    return loop.nyquist_frequency if isinstance(loop, StateSpace) else np.inf
 
 
 def _square(loop: StateSpace | Loop) -> Loop:

@@ -155,6 +155,12 @@ class StateSpace(eqx.Module, AbstractResult):
         return self.sample_time_s is not None
 
     @property
+    def nyquist_frequency(self) -> float:
+        """Half the sample rate, above which the response repeats itself, rad/s; infinite in
+        continuous time."""
+        return np.inf if self.sample_time_s is None else np.pi / self.sample_time_s
+
+    @property
     def steady_states(self) -> Float[Array | np.ndarray, "state input"]:
         """The steady change of the states, K per unit of duty.
 
@@ -653,12 +659,15 @@ def check_at_rest(where: str, model: StateSpace) -> None:
         )
 
 
-def checked_discrete_model(where: str, model: Any) -> StateSpace:
+def checked_discrete_model(
+    where: str,
+    model: Any,
+    expected: str = "a discrete model, such as linearize(...).reduce(4).discretise(1.0)",
+) -> StateSpace:
     """A model as controllers and C are made from it: discrete, about a rest, and with numbers.
 
-    **Raises:** `ControlError` if it is not.
+    **Raises:** `ControlError` if it is not; `expected` says what is allowed.
     """
-    expected = "a discrete model, such as linearize(...).reduce(4).discretise(1.0)"
     of_kind(where, model, StateSpace, expected, ControlError)
     if not model.is_discrete:
         raise ControlError(f"{where}: expected {expected}, got {model!r}")

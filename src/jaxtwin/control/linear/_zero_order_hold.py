@@ -101,8 +101,9 @@ def _lagged(matrices: Matrices, lag: Float[Array | np.ndarray, ""] | None) -> Ma
 def _moved(F: Array, H: Array, time: Array) -> tuple[Array, Array]:
     """The transition matrix of a time, and the effect of a command that is held for that time."""
     states, inputs = H.shape
-    both = jnp.block([[F, H], [jnp.zeros((inputs, states + inputs))]])
-    moved = matrix_exponential(both * time)
+    # Both follow from one exponential (Van Loan, IEEE Trans. Autom. Control 23, 1978).
+    augmented = jnp.block([[F, H], [jnp.zeros((inputs, states + inputs))]])
+    moved = matrix_exponential(augmented * time)
     return moved[:states, :states], moved[:states, states:]
 
 
