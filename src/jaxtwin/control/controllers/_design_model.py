@@ -1,18 +1,76 @@
-"""The linear models on which controllers are designed."""
+"""Controllers that are designed on a linear model, and the models on which they are."""
 
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import TypeVar
 
+import equinox as eqx
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from ...errors import ControlError
 from ...rig import Rig
 from ..linear._operating_point import OperatingPoint
 from ..linear._state_space import StateSpace
 from ._controller import means_of
+from ._duty_limits import AbstractDutyLimitedController
+from ._kalman import AbstractEstimator, KalmanFilter, TwinEstimator, TwinObserver, twin_estimator
 
 # A larger condition number of the DC gain means that all cells move the outputs alike.
 MAX_CONDITION = 1e6
+
+
+Designed = TypeVar("Designed", bound="AbstractModelController")
+
+
+class AbstractModelController(AbstractDutyLimitedController):
+    """A controller with a linear model, whose states an estimator finds."""
+
+    model: eqx.AbstractVar[StateSpace]
+    """The model of the outputs."""
+    kalman: eqx.AbstractVar[KalmanFilter]
+    """Its filter."""
+    observed: eqx.AbstractVar[TwinEstimator | None]
+    """The filter with what an observer knows, if there is one."""
+
+    @property
+    def duty(self) -> Float[Array | np.ndarray, " cells"]:
+        """The duty at the operating point."""
+        return self.model.operating_point.duty
+
+    @property
+    def outputs(self) -> Float[Array | np.ndarray, " outputs"]:
+        """The outputs at the operating point, degC."""
+        return self.model.operating_point.outputs
+
+    @property
+    def estimator(self) -> AbstractEstimator:
+        """What estimates the states: the Kalman filter, alone or with an observer."""
+        return self.kalman if self.observed is None else self.observed
+
+    @property
+    def reads_room(self) -> bool:
+        """True with an observer, to which a measured room is a reading."""
+        return self.observed is not None
+
+
+def with_observer(
+    controller: Designed, observer: TwinObserver | None, model: StateSpace, read: StateSpace
+) -> Designed:
+    """The controller with an observer of the twin; the controller itself without one.
+
+    **Arguments:**
+
+    - `model`: the model for which it was designed. `read`: the same with what its filter reads.
+
+    **Raises:** the errors of `twin_estimator`.
+    """
+    if observer is None:
+        return controller
+    name = type(controller).__name__
+    return replace(
+        controller, observed=twin_estimator(name, observer, model, read, controller.kalman)
+    )
 
 
 def outputs_of(

@@ -186,16 +186,17 @@ def filter_with_gain(read: StateSpace, L: Float[np.ndarray, "estimated reading"]
 
 def _with_disturbances(read: StateSpace) -> dict[str, Float[np.ndarray, "..."]]:
     """The matrices of a `KalmanFilter`, but for its gain."""
-    to_duty, states = disturbance_to_duty(np.asarray(read.dcgain)), len(read.A)
+    steady, states = np.asarray(read.steady_states), len(read.A)
+    to_duty = disturbance_to_duty(np.asarray(read.C) @ steady)
     cells, unknown = to_duty.shape
     unit, no_duty = np.eye(unknown), np.zeros((unknown, cells))
     C = np.hstack([read.C, np.zeros((len(read.C), unknown))])
-    by_disturbance = np.vstack([read.steady_states @ to_duty, unit])
+    by_disturbance = np.vstack([steady @ to_duty, unit])
     return {
         "A": np.block([[read.A, read.B @ to_duty], [np.zeros((unknown, states)), unit]]),
         "B": np.vstack([read.B, no_duty]),
         "C": C,
-        "by_duty": np.vstack([read.steady_states, no_duty]),
+        "by_duty": np.vstack([steady, no_duty]),
         "by_reading": by_disturbance @ np.linalg.pinv(C @ by_disturbance),
         "disturbance_to_duty": to_duty,
     }

@@ -46,17 +46,21 @@ from ._controller_fields import (
     check_cells_of_fields,
     matrix,
 )
-from ._design_model import check_designed_for, check_plant, outputs_of
+from ._design_model import (
+    AbstractModelController,
+    check_designed_for,
+    check_plant,
+    outputs_of,
+    with_observer,
+)
 from ._duty_limits import AbstractDutyLimitedController, GivenLimits, checked_limits
 from ._kalman import (
-    AbstractEstimator,
     KalmanFilter,
     TwinEstimator,
     TwinObserver,
     kalman_filter,
     kalman_tables,
     refuse_observed,
-    twin_estimator,
 )
 from ._model_file import (
     MODEL_FIELDS,
@@ -103,7 +107,7 @@ class LQIState(NamedTuple):
 
 @final
 @accepts_design_arguments("design_lqi")
-class LQI(AbstractDutyLimitedController):
+class LQI(AbstractModelController):
     """State feedback with integral action and a Kalman filter, made by `design_lqi`.
 
     **Arguments:**
@@ -142,16 +146,6 @@ class LQI(AbstractDutyLimitedController):
     designed_for: str = eqx.field(static=True, repr=False)
     measured: tuple[tuple[str, ...], ...] | None = eqx.field(static=True)
 
-    @property
-    def duty(self) -> Float[Array | np.ndarray, " cells"]:
-        """The duty at the operating point."""
-        return self.model.operating_point.duty
-
-    @property
-    def outputs(self) -> Float[Array | np.ndarray, " outputs"]:
-        """The outputs at the operating point, degC."""
-        return self.model.operating_point.outputs
-
     def __check_init__(self) -> None:
         self.check_parameters(setpoint_weight=self.setpoint_weight)
 
@@ -187,16 +181,6 @@ class LQI(AbstractDutyLimitedController):
         """True within the limits, without an observer."""
         return self.observed is None
 
-    @property
-    def estimator(self) -> AbstractEstimator:
-        """What estimates the states: the Kalman filter, alone or with an observer."""
-        return self.kalman if self.observed is None else self.observed
-
-    @property
-    def reads_room(self) -> bool:
-        """True with an observer, to which a measured room is a reading."""
-        return self.observed is not None
-
     def reading_weights(self, channels: Sequence[str]) -> Float[np.ndarray, "readings channels"]:
         """Returns the weights of the outputs, and all channels for an observer."""
         outputs = self.output_weights(channels)
@@ -205,8 +189,8 @@ class LQI(AbstractDutyLimitedController):
     @classmethod
     def from_file(cls, contents: FileContents) -> AbstractController:
         """Makes a controller from its file: the model, the filter and the gains."""
-        plant, refuse = read_model(contents, cls.kind), contents.refuse
-        settings = field_settings(cls, contents)
+        settings, refuse = field_settings(cls, contents), contents.refuse
+        plant = read_model(contents, settings["measured"])
         check_cells_of_fields(cls, cls.fields, settings, contents)
         kalman, time = read_filter(contents, plant, plant), contents.common["sample_time_s"]
         (states, cells), outputs = plant.B.shape, len(plant.C)
@@ -382,9 +366,7 @@ def design_lqi(
         )
     allowed, has_limits = checked_limits("LQI", limits), limits is not None
     lqi = _design(plant, weights, setpoint_weight, allowed, groups, has_limits=has_limits)
-    if observer is None:
-        return lqi
-    return replace(lqi, observed=twin_estimator("LQI", observer, model, plant, lqi.kalman))
+    return with_observer(lqi, observer, model, plant)
 
 
 def _design(
@@ -422,12 +404,12 @@ def _design(
     Q[:states, :states] = plant.C.T @ np.diag(y**-2.0) @ plant.C
     Q[states:, states:] = np.diag(q**-2.0)
     K, _ = regulator("LQI", A, B, Q, np.diag(u**-2.0))
-    Kx, Ki = K[:, :states], -K[:, states:]
+    Kx, Ki, steady = K[:, :states], -K[:, states:], np.asarray(plant.steady_states)
     return LQI(
         Kx=Kx,
         Ki=Ki,
         Kt=np.linalg.pinv(Ki),
-        N=(np.eye(cells) + Kx @ plant.steady_states) @ np.linalg.pinv(np.asarray(plant.dcgain)),
+        N=(np.eye(cells) + Kx @ steady) @ np.linalg.pinv(plant.C @ steady),
         model=plant,
         kalman=kalman_filter("LQI", plant, w, v),
         observed=None,

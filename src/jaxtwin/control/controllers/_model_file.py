@@ -48,18 +48,17 @@ _LIMIT = ("lowest", "highest", "accepted_excess", "operating_point", "C", "L")
 EXCESS = Kind("a temperature difference", "K", "0.1 K")
 
 
-def read_model(contents: FileContents, kind: str) -> StateSpace:
+def read_model(contents: FileContents, measured: tuple[tuple[str, ...], ...] | None) -> StateSpace:
     """Reads operating point and model.
 
     **Arguments:**
 
-    - `kind`: the kind of the controller, for messages.
+    - `measured`: the channels of each output, as `field_settings` has them.
 
     **Raises:** `ControlError` for values that are not allowed.
     """
     data, refuse, cells = contents.data, contents.refuse, len(contents.rig.driven)
     try:
-        measured = checked_measured(kind, contents.common.get("measured"))
         outputs = len(means_of(measured, contents.channels))
     except ControlError as error:
         refuse("", str(error))

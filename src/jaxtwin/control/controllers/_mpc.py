@@ -55,17 +55,21 @@ from ._controller_fields import (
     ControllerField,
     FileContents,
 )
-from ._design_model import check_plant, outputs_of, with_temperatures
+from ._design_model import (
+    AbstractModelController,
+    check_plant,
+    outputs_of,
+    with_observer,
+    with_temperatures,
+)
 from ._duty_limits import GivenLimits, checked_limits
 from ._kalman import (
-    AbstractEstimator,
     KalmanFilter,
     TwinEstimator,
     TwinObserver,
     error_gain,
     kalman_filter,
     refuse_observed,
-    twin_estimator,
 )
 from ._model_file import (
     MODEL_FIELDS,
@@ -95,6 +99,7 @@ from ._mpc_programs import (
     soft_limits,
 )
 from ._predictive_controller import (
+    DEFAULT_EXCESS,
     AbstractPredictiveController,
     accepted_excesses,
     check_horizon,
@@ -108,9 +113,6 @@ from ._predictive_controller import (
 # How fast the allowance follows, relative to the slowest pole of the model. While a plate warms up,
 # what is not linear in it looks like a disturbance that will be over at rest.
 SLOWNESS = 1 / 3
-
-# The accepted excess over a temperature limit that states none, K.
-DEFAULT_EXCESS = 0.1
 
 _TEMPERATURE = ControllerField("a temperature difference", "K", "0.1 K")
 _DUTY = ControllerField("a duty", "", "0.05", is_required=True)
@@ -176,7 +178,7 @@ class MPCSettings:
 
 @final
 @accepts_design_arguments("design_mpc")
-class MPC(AbstractPredictiveController):
+class MPC(AbstractPredictiveController, AbstractModelController):
     """Model predictive control, made by `design_mpc`.
 
     Without `preview` the controller uses the present reference for the whole horizon. `step` takes
@@ -249,16 +251,6 @@ class MPC(AbstractPredictiveController):
     counts: int | None = eqx.field(static=True, repr=False, default=None)
 
     @property
-    def duty(self) -> Float[Array | np.ndarray, " cells"]:
-        """The duty at the operating point."""
-        return self.model.operating_point.duty
-
-    @property
-    def outputs(self) -> Float[Array | np.ndarray, " outputs"]:
-        """The outputs at the operating point, degC."""
-        return self.model.operating_point.outputs
-
-    @property
     def is_linear(self) -> bool:
         """True within the limits; not with points that are to be even, because the most even rest
         lies where the hottest or the coldest point changes, and not with an observer."""
@@ -310,16 +302,6 @@ class MPC(AbstractPredictiveController):
         )
         return _design(plant, drift, reading_noise, settings)
 
-    @property
-    def estimator(self) -> AbstractEstimator:
-        """What estimates the states: the Kalman filter, alone or with an observer."""
-        return self.kalman if self.observed is None else self.observed
-
-    @property
-    def reads_room(self) -> bool:
-        """True with an observer, to which a measured room is a reading."""
-        return self.observed is not None
-
     def reading_weights(self, channels: Sequence[str]) -> Float[np.ndarray, "readings channels"]:
         """Returns the weights of the outputs, those of the other channels that are read, and all
         channels for an observer."""
@@ -330,11 +312,11 @@ class MPC(AbstractPredictiveController):
     @classmethod
     def from_file(cls, contents: FileContents) -> AbstractController:
         """Makes a controller from its file: the model, the filter and the accepted deviations."""
-        model = read_model(contents, cls.kind)
+        settings = mpc_settings(cls, contents)
+        model = read_model(contents, settings["measured"])
         states = len(model.A)
         limited, even = limited_channels(contents, states), read_evenness(contents, states)
-        settings, gains = mpc_settings(cls, contents), limited.L
-        names, C, at = tuple(limited.limits), limited.C, limited.at
+        names, C, at, gains = tuple(limited.limits), limited.C, limited.at, limited.L
         points = np.zeros((0, states)), np.zeros(0)
         if even is not None:
             channels, gains = even.channels, np.append(gains, [even.L] * len(even.channels.at))
@@ -610,9 +592,7 @@ def design_mpc(
         preview=preview,
     )
     mpc = _design(plant, drift, reading_noise, settings)
-    if observer is None:
-        return mpc
-    return replace(mpc, observed=twin_estimator("MPC", observer, model, plant.read, mpc.kalman))
+    return with_observer(mpc, observer, model, plant.read)
 
 
 def _design(plant: MPCPlant, drift: Numbers, reading_noise: Numbers, settings: MPCSettings) -> MPC:

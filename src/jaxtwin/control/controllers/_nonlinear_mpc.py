@@ -62,6 +62,7 @@ from ._multiple_shooting import (
     condensed_path,
 )
 from ._predictive_controller import (
+    DEFAULT_EXCESS,
     AbstractPredictiveController,
     accepted_excesses,
     checked_control_horizon,
@@ -363,7 +364,7 @@ def design_nonlinear_mpc(
     limits: GivenLimits | None = None,
     rate_limit: float | int | None = None,
     temperature_limits: Mapping[str, Sequence[float | int]] | None = None,
-    excess_deviation: float | int = 0.1,
+    excess_deviation: float | int = DEFAULT_EXCESS,
     iterations: int = 1,
     preview: bool = False,
 ) -> NonlinearMPC:

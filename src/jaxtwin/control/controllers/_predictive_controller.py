@@ -79,6 +79,10 @@ class AbstractPredictiveController(AbstractDutyLimitedController):
         return math.floor(reach * self.counts * (1 + 1e-9)) / self.counts
 
 
+# The accepted excess over a temperature limit that states none, K.
+DEFAULT_EXCESS = 0.1
+
+
 # The arguments of an `MPC`, checked: limits of the rate and of temperatures, horizons, and points
 # that are to be even.
 

@@ -19,6 +19,7 @@ from ...errors import ControlError
 from ..linear._state_space import StateSpace, check_at_rest
 from ._mpc import MPC, design_mpc
 from ._mpc_programs import AbstractEvennessCost, RangeCost
+from ._predictive_controller import DEFAULT_EXCESS
 
 # $\rho$, as a share of the mean variance of the channels' errors: the part that is noise.
 NOISE_SHARE = 0.01
@@ -32,7 +33,7 @@ def design_uniformity_mpc(
     order: int = 6,
     horizon: int = 30,
     control_horizon: int = 10,
-    excess_deviation: float | int = 0.1,
+    excess_deviation: float | int = DEFAULT_EXCESS,
     reading_noise: float | int = 0.5,
     **settings: Any,
 ) -> MPC:
